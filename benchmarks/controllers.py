@@ -67,14 +67,14 @@ def steps(parts: Any, delivered: NDArray[Any], out: NDArray[Any], estimates: NDA
             identify(parts.control.identifiers, parts.control.identifier_state, i, delivered, delivered.size)
             store_setpoints(parts.control.identifiers, parts.control.identifier_state, i, out, count)
             write_estimates(parts.control.identifiers, parts.control.identifier_state, i, k, estimates, 0)
-            told = parts.control.identifier_state
-            set_estimate(parts.control.bank_state, 0, told.jacobian[i], told.change[i], told.held.newest_ns[i])
+            learnt = parts.control.identifier_state
+            set_estimate(parts.control.bank_state, 0, learnt.jacobian[i], learnt.change[i], learnt.held.newest_ns[i])
 
 
 def step_us(name: str, scheme: str | None, *more: str) -> float:
     """Median time of one step, microseconds."""
-    own = [f"controllers.0.name={name}", *([f"controllers.0.scheme={scheme}"] if scheme else [])]
-    case = load_case(None, [*own, *more])
+    controller_sets = [f"controllers.0.name={name}", *([f"controllers.0.scheme={scheme}"] if scheme else [])]
+    case = load_case(None, [*controller_sets, *more])
     parts = loop.build_loop(case)
     delivered = np.zeros(len(case.system.pmus), DELIVERY)
     delivered["pmu"] = np.arange(len(delivered))

@@ -36,18 +36,18 @@ def differing(sets: list[str], folder: Path) -> list[str]:
 
 def runs(mimo_only: bool) -> list[tuple[str, list[str]]]:
     """Label and changes of every graph."""
-    found = []
+    graphs = []
     for system in ("two_area", "smib"):
         for scenario in scenarios(system):
             for name in VARIANTS:
                 for scheme in ("direct", "indirect"):
                     place = [f"system={system}", f"scenario={scenario}"]
-                    own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}"]
+                    controller_sets = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}"]
                     if not mimo_only:
-                        found.append((f"{system} {scenario} {name} {scheme}", [*place, *own]))
+                        graphs.append((f"{system} {scenario} {name} {scheme}", [*place, *controller_sets]))
                     if system == "two_area":
-                        found.append((f"{system} {scenario} {name} {scheme} MIMO", [*place, *BOTH, *own]))
-    return found
+                        graphs.append((f"{system} {scenario} {name} {scheme} MIMO", [*place, *BOTH, *controller_sets]))
+    return graphs
 
 
 def main() -> int:
@@ -58,9 +58,9 @@ def main() -> int:
     asked = runs("--mimo" in sys.argv)
     for label, sets in asked:
         with tempfile.TemporaryDirectory() as folder:
-            found = differing([*sets, *more], Path(folder))
-        bad += bool(found)
-        print(f"{label}: {', '.join(found) or 'identical'}", flush=True)
+            differences = differing([*sets, *more], Path(folder))
+        bad += bool(differences)
+        print(f"{label}: {', '.join(differences) or 'identical'}", flush=True)
     print(f"{len(asked)} graphs, {bad} differ, {time.monotonic() - began:.0f} s")
     return int(bad > 0)
 

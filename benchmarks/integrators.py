@@ -116,10 +116,10 @@ def jacobian(motion: Motion, f0: Any, f1: Any, out: Any) -> int:
     plant, state, stage, work = motion
     derivatives(plant, state.x, state.reference, state.source, stage, f0, work)
     for i in range(state.x.size):
-        kept, step = state.x[i], 1e-7 * max(1.0, abs(state.x[i]))
+        before, step = state.x[i], 1e-7 * max(1.0, abs(state.x[i]))
         state.x[i] += step
         derivatives(plant, state.x, state.reference, state.source, stage, f1, work)
-        state.x[i] = kept
+        state.x[i] = before
         out[:, i] = (f1 - f0) / step
     return int(state.x.size + 1)
 
@@ -163,17 +163,17 @@ def follow(case: Any, method: str, rate: int, end: float) -> tuple[NDArray[np.fl
     built = build.build_plant(case)
     plant, state = built.plant, copy(built.state)
     work, n = workspace(plant, state), len(state.x)
-    own = plant.machines["offset"] + 1
+    speed_states = plant.machines["offset"] + 1
     weights = (EXPLICIT | IMPLICIT)[method]
     k, trial, matrix, f0, f1 = np.zeros((len(weights.b), n)), np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros(n)
     instants = {to_ns(i / FRAMES) for i in range(round(end * FRAMES) + 1)}
     borders = sorted(instants | {int(t) for t in plant.stage_start_ns if t < to_ns(end)})
-    found, evaluations, kept, inverse = [], 0, None, np.zeros((n, n))
+    speeds, evaluations, factored_for, inverse = [], 0, None, np.zeros((n, n))
     began = time.perf_counter()
     for now, then in zip(borders, [*borders[1:], None], strict=True):
         motion = Motion(plant, state, begin_interval(plant, state, now), work)
         if now in instants:
-            found.append(state.x[own].copy())
+            speeds.append(state.x[speed_states].copy())
         if then is None:
             break
         steps = -(-(then - now) * rate // 1_000_000_000)
@@ -183,15 +183,15 @@ def follow(case: Any, method: str, rate: int, end: float) -> tuple[NDArray[np.fl
             continue
         for _ in range(steps):
             for attempt in range(2):
-                if kept != (motion.stage, h) or attempt:
+                if factored_for != (motion.stage, h) or attempt:
                     evaluations += jacobian(motion, f0, f1, matrix)
                     inverse = np.linalg.inv(np.eye(n) - h * weights.A[-1, -1] * matrix)
-                    kept = (motion.stage, h)
+                    factored_for = (motion.stage, h)
                 done = implicit(motion, weights, h, k, trial, inverse, attempt == 1)
                 evaluations += abs(done)
                 if done > 0:
                     break
-    return np.array(found), evaluations, time.perf_counter() - began
+    return np.array(speeds), evaluations, time.perf_counter() - began
 
 
 def study(name: str, folder: Path | None) -> None:

@@ -39,19 +39,21 @@ def one_way_latency_s() -> float:
     rclpy.init()
     node = rclpy.create_node("latency")
     there = node.create_publisher(PmuDataFrame, "there", PUBLISHER_QOS)
-    got: list[float] = []
-    node.create_subscription(PmuDataFrame, "back", lambda *_: got.append(time.perf_counter()), SUBSCRIBER_QOS, raw=True)
+    arrivals: list[float] = []
+    node.create_subscription(
+        PmuDataFrame, "back", lambda *_: arrivals.append(time.perf_counter()), SUBSCRIBER_QOS, raw=True
+    )
     spinner = Spinner(node)
     message = PmuDataFrame(frames=[PmuFrame(pmu=name) for name in ("G1", "G2", "G3", "G4", "TIE")])
     while there.get_subscription_count() < 1 or node.count_publishers("back") < 1:
         time.sleep(0.05)
     trips = []
     for _ in range(ROUND_TRIPS):
-        count, began = len(got), time.perf_counter()
+        count, began = len(arrivals), time.perf_counter()
         there.publish(message)
-        while len(got) == count:
+        while len(arrivals) == count:
             spinner.spin_once(1.0)
-        trips.append(got[-1] - began)
+        trips.append(arrivals[-1] - began)
     spinner.close()
     node.destroy_node()
     rclpy.shutdown()

@@ -23,9 +23,9 @@ def loops() -> dict[str, list[float]]:
     """Time of 20 s of `two_area_large` over `pdci`, compiled loop without set-up, s: by controller, in turns."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "gain.py").write_text(GAIN)
-        own = {"a class, one gain": f"{folder}/gain.py:Gain", "a class, lead-lag": f"{EXAMPLE}:LeadLag"}
+        policies = {"a class, one gain": f"{folder}/gain.py:Gain", "a class, lead-lag": f"{EXAMPLE}:LeadLag"}
         cases = {"LLC, compiled": load_case("two_area_large", ["link=pdci"])}
-        for name, policy in own.items():
+        for name, policy in policies.items():
             cases[name] = load_case("two_area_large", ["link=pdci", f"controllers=[{{name: own, policy: '{policy}'}}]"])
         took: dict[str, list[float]] = {name: [] for name in cases}
         for _ in range(ROUNDS + 1):
@@ -69,10 +69,10 @@ def vector(threads: int) -> float:
 
 def main() -> None:
     """Print what was measured."""
-    found = loops()
-    base = statistics.median(found["LLC, compiled"])
+    durations = loops()
+    base = statistics.median(durations["LLC, compiled"])
     print("20 s of two_area_large over pdci, compiled loop:")
-    for name, values in found.items():
+    for name, values in durations.items():
         print(
             f"  {name:20} {1000 * statistics.median(values):6.1f} ms, {statistics.median(values) / base:.2f} of LLC's"
         )

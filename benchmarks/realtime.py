@@ -27,9 +27,9 @@ def main() -> None:
 
         def look(done: int, _of: int, spent: dict[int, float] = spent) -> None:
             if done % FRAMES < 13:
-                for one in psutil.Process().children(recursive=True):
+                for child in psutil.Process().children(recursive=True):
                     with suppress(psutil.Error):
-                        spent[one.pid] = sum(one.cpu_times()[:2])
+                        spent[child.pid] = sum(child.cpu_times()[:2])
 
         with tempfile.TemporaryDirectory() as folder:
             case = load_case(run, [f"duration={SECONDS}"])

@@ -43,7 +43,7 @@ def copies(k: int, name: str = "kundur_12_6") -> dict[str, Any]:
     """K copies of a system, joined between their buses B8: a tree in which each has up to eight others behind it."""
     system = load_system(name)
     base, power = system.model_dump(by_alias=True), solve(system, []).generation
-    made: dict[str, Any] = {**base, "signals": {}, "measures": {}, "pmus": []}
+    joined: dict[str, Any] = {**base, "signals": {}, "measures": {}, "pmus": []}
     for table in (
         "buses",
         "lines",
@@ -55,11 +55,11 @@ def copies(k: int, name: str = "kundur_12_6") -> dict[str, Any]:
         "governors",
         "stabilisers",
     ):
-        made[table] = [_renamed(row, i) for i in range(k) for row in base[table]]
-    for row in made["machines"][len(base["machines"]) :]:
+        joined[table] = [_renamed(row, i) for i in range(k) for row in base[table]]
+    for row in joined["machines"][len(base["machines"]) :]:
         if row["slack"]:
             row |= {"slack": False, "P": float(power[row["name"].rpartition("_")[0]].real) * system.base_power}
-    made["lines"] += [
+    joined["lines"] += [
         {
             "name": f"joint_{i}",
             "from": f"B8_{i // 8}",
@@ -71,32 +71,32 @@ def copies(k: int, name: str = "kundur_12_6") -> dict[str, Any]:
         }
         for i in range(k - 1)
     ]
-    made["pmus"] = [{"name": "G1", "machine": "G1_0"}]
-    return made
+    joined["pmus"] = [{"name": "G1", "machine": "G1_0"}]
+    return joined
 
 
 def _renamed(row: dict[str, Any], i: int) -> dict[str, Any]:
     """A row of copy i."""
     names = ("name", "bus", "from", "to", "machine")
-    found = {key: f"{value}_{i}" if key in names and value is not None else value for key, value in row.items()}
-    return {**found, "branches": [f"{name}_{i}" for name in row["branches"]]} if "branches" in row else found
+    renamed = {key: f"{value}_{i}" if key in names and value is not None else value for key, value in row.items()}
+    return {**renamed, "branches": [f"{name}_{i}" for name in row["branches"]]} if "branches" in row else renamed
 
 
 def many_areas(k: int) -> dict[str, Any]:
     """K copies of minniwecc with all PMUs, its HVDC link and a signal in the first."""
     base = load_system("minniwecc").model_dump(mode="json", by_alias=True)
-    made = copies(k, "minniwecc")
-    for row in made["machines"]:
+    content = copies(k, "minniwecc")
+    for row in content["machines"]:
         row["H"] *= 1.0 + 0.5 * int(row["name"].rpartition("_")[2]) / k
-    made["pmus"] = [_renamed(row, i) for i in range(k) for row in base["pmus"]]
-    made["devices"] = [_renamed(row, 0) for row in base["devices"]]
-    made["signals"] = {"frequency": {"channel": "frequency", "weights": {"NORTH_0": 1.0, "SOUTH_0": -1.0}}}
-    return made
+    content["pmus"] = [_renamed(row, i) for i in range(k) for row in base["pmus"]]
+    content["devices"] = [_renamed(row, 0) for row in base["devices"]]
+    content["signals"] = {"frequency": {"channel": "frequency", "weights": {"NORTH_0": 1.0, "SOUTH_0": -1.0}}}
+    return content
 
 
 def steps(path: str) -> dict[str, tuple[float, float]]:
     """Processor time (s) and largest memory (MB) of each step from a file of `many_areas`; `size`: states and buses."""
-    found: dict[str, tuple[float, float]] = {}
+    used: dict[str, tuple[float, float]] = {}
 
     def step(name: str, function: Callable[[], Any]) -> Any:
         Path("/proc/self/clear_refs").write_text("5", "ascii")  # the largest memory so far is forgotten
@@ -104,13 +104,13 @@ def steps(path: str) -> dict[str, tuple[float, float]]:
         result = function()
         took = time.process_time() - began
         status = Path("/proc/self/status").read_text("ascii").split()
-        found[name] = took, int(status[status.index("VmHWM:") + 1]) / 1024
+        used[name] = took, int(status[status.index("VmHWM:") + 1]) / 1024
         return result
 
     event = [{"time": 0.05, "kind": "load_step", "load": "load_8_0", "change": 0.02}]
     sets = [f"scenario={json.dumps(event)}", "devices=[pdci_0]", "controllers=[]", "duration=1"]
     system = step("file and its checks", lambda: load_system(path))
-    devices, pmus = [one.name for one in system.devices], [one.name for one in system.pmus]
+    devices, pmus = [device.name for device in system.devices], [pmu.name for pmu in system.pmus]
     case = step("run and its checks", lambda: load_case(None, [f"system={path}", *sets]))
     step("power flow", lambda: solve(system, devices))
     built = step("plant: power flow, start, network of 2 intervals", lambda: build.build_plant(case))
@@ -118,11 +118,11 @@ def steps(path: str) -> dict[str, tuple[float, float]]:
     whole = step("loop: plant, PMUs, links", lambda: loop.build_loop(case))
     step("run of 1 s", lambda: loop.run_loop(whole))
     model = step("linear plant", lambda: linearisation.linear_model(built, system.signals, pmus))
-    given = built.state_names, system, model, devices
-    step("modes and residues", lambda: eigenmodes.modes(model.matrix, *given))
+    arguments = built.state_names, system, model, devices
+    step("modes and residues", lambda: eigenmodes.modes(model.matrix, *arguments))
     step("design: linear plant, modes, target", lambda: residues.residues(built, system, devices, 60))
-    found["size"] = float(len(built.state.x)), float(len(system.buses))
-    return found
+    used["size"] = float(len(built.state.x)), float(len(system.buses))
+    return used
 
 
 def compared() -> None:
@@ -145,24 +145,24 @@ def compared() -> None:
 
 def sections(n: int) -> dict[str, Any]:
     """kundur_12_6 with each line cut into n sections."""
-    made = copies(1)
+    content = copies(1)
     lines = []
-    for line in made["lines"]:
+    for line in content["lines"]:
         inner = [f"{line['name']}.{j}" for j in range(1, n)]
-        made["buses"] += [{"name": name, "nominal_voltage": 230.0} for name in inner]
+        content["buses"] += [{"name": name, "nominal_voltage": 230.0} for name in inner]
         ends = [line["from"], *inner, line["to"]]
         lines += [
             {**line, "name": f"{line['name']}-{j}", "from": ends[j], "to": ends[j + 1], "length": line["length"] / n}
             for j in range(n)
         ]
-    return {**made, "lines": lines}
+    return {**content, "lines": lines}
 
 
 def with_ports(k: int) -> dict[str, Any]:
     """K copies with loads of constant current: two ports a copy."""
-    made = copies(k)
-    made["loads"] = [{**load, "P_fractions": {"current": 1.0}} for load in made["loads"]]
-    return made
+    content = copies(k)
+    content["loads"] = [{**load, "P_fractions": {"current": 1.0}} for load in content["loads"]]
+    return content
 
 
 def measured(name: str, system: dict[str, Any] | str, load: str) -> None:

@@ -60,20 +60,20 @@ def took(act: Callable[[int], object]) -> float:
 
 def parts(formats: bool) -> dict[str, float]:
     """Of each step of a frame's way, s."""
-    made, values, receiver, following = stream(formats), measured(), Receiver(), Following(PMUS, RATE, 0.2)
-    receiver.take(session.answers(made, "send_configuration_3", 0, 0))
-    where = mapping.places(made.configuration, GRID, {})
-    raw = [session.data_frame(made, instant(k, values)) for k in range(FRAMES)]
-    come = [one for one in receiver.take(raw) if isinstance(one, Instant)]
+    streamed, values, receiver, following = stream(formats), measured(), Receiver(), Following(PMUS, RATE, 0.2)
+    receiver.take(session.answers(streamed, "send_configuration_3", 0, 0))
+    where = mapping.places(streamed.configuration, GRID, {})
+    raw = [session.data_frame(streamed, instant(k, values)) for k in range(FRAMES)]
+    come = [content for content in receiver.take(raw) if isinstance(content, Instant)]
 
     def follow(k: int) -> None:
-        found, status, absent = mapping.values_of(where, come[k].data)
-        following.put(k, PmuReport(where.pmus, found, status, absent), k / RATE)
+        measured_values, status, absent = mapping.values_of(where, come[k].data)
+        following.put(k, PmuReport(where.pmus, measured_values, status, absent), k / RATE)
         list(following.take(k / RATE))
 
     return {
         "to V, A, kW and STAT": took(lambda k: instant(k, values)),
-        "to bytes": took(lambda k: session.data_frame(made, come[k])),
+        "to bytes": took(lambda k: session.data_frame(streamed, come[k])),
         "from bytes": took(lambda k: receiver.feed(raw[k])),
         "to PMUs and ticks": took(follow),
     }
@@ -133,9 +133,9 @@ def main() -> None:
     used: Any = multiprocessing.Queue()
     process = multiprocessing.Process(target=serve, args=(port, used))
     process.start()
-    own = listen(port.get())
+    listening = listen(port.get())
     process.join()
-    for name, seconds, frames in (used.get(), own):
+    for name, seconds, frames in (used.get(), listening):
         print(f"  {name}, over TCP for {SECONDS} s: {frames} frames, {100 * seconds / SECONDS:.2f} % of a core")
 
 

@@ -23,24 +23,24 @@ def tick_us(*sides: list[str]) -> list[float]:
     cases = [load_case(None, sets) for sets in sides]
     times: list[list[float]] = [[] for _ in sides]
     for _ in range(RUNS):
-        for case, own in zip(cases, times, strict=True):
-            made = loop.build_loop(case)
+        for case, tick_times in zip(cases, times, strict=True):
+            built_loop = loop.build_loop(case)
             began = time.perf_counter()
-            loop.run_loop(made)
-            own.append(1e6 * (time.perf_counter() - began) / case.ticks)
-    return [statistics.median(own) for own in times]
+            loop.run_loop(built_loop)
+            tick_times.append(1e6 * (time.perf_counter() - began) / case.ticks)
+    return [statistics.median(run_times) for run_times in times]
 
 
 def main() -> None:
     """A row a run."""
     print("| run | tick [us] | supervised [us] | of it | setpoints |\n| --- | --: | --: | --: | --- |")
     for name, system in SYSTEMS.items():
-        for controller, own in CONTROLLERS.items():
-            sets = [*(system or ["scenario=large"]), *own, "link=pdci"]
+        for controller, controller_sets in CONTROLLERS.items():
+            sets = [*(system or ["scenario=large"]), *controller_sets, "link=pdci"]
             bare, guarded = tick_us(sets, [*sets, *SUPERVISED])
             alone, record = (loop.run(load_case(None, side)) for side in (sets, [*sets, *SUPERVISED]))
             armed = int((record.supervision["state"] == ARMED).sum())
-            said, passed = (one.applied["value"][one.applied["tick"] < armed].tobytes() for one in (alone, record))
+            said, passed = (run.applied["value"][run.applied["tick"] < armed].tobytes() for run in (alone, record))
             same = f"{'the same bits' if said == passed else 'others'}, armed for {armed / record.frame_rate:.1f} s"
             print(f"| {name}, {controller} | {bare:.1f} | {guarded:.1f} | {guarded - bare:.1f} | {same} |")
 

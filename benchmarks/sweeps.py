@@ -87,8 +87,8 @@ def parts_of_a_run(plan: sweep.SweepPlan) -> None:
     }
     print(f"{'one run, median of ' + str(RUNS):<45} {'ms':>8} {'fraction':>7}")
     took = {name: median_ms(function) for name, function in rows.items()}
-    for name, one in took.items():
-        print(f"{name:<45} {one:8.2f} {one / took['a run of a sweep']:7.2f}")
+    for name, seconds in took.items():
+        print(f"{name:<45} {seconds:8.2f} {seconds / took['a run of a sweep']:7.2f}")
 
 
 def many(plan: sweep.SweepPlan) -> None:
@@ -99,8 +99,8 @@ def many(plan: sweep.SweepPlan) -> None:
 
     def threads(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterable[Any]:
         parallel = Parallel(n_jobs=JOBS, backend="threading", return_as="generator_unordered")
-        made: Iterable[Any] = parallel(delayed(function)(task) for task in tasks)
-        return made
+        results: Iterable[Any] = parallel(delayed(function)(task) for task in tasks)
+        return results
 
     print(f"\n{name:<45} {'s':>8} {'ratio':>7} {'10,000 runs, min':>17}")
     first = 0.0

@@ -98,14 +98,14 @@ def whole(seconds: float) -> None:
     t, x = swings(seconds)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     began = time.perf_counter()
-    found = analyse(t, x)
+    analysis = analyse(t, x)
     analysed = time.perf_counter()
     figure = Figure(figsize=(10, 7.5), layout="constrained")
-    plot_distribution(figure, found, "p.u.")
+    plot_distribution(figure, analysis, "p.u.")
     figure.savefig("/dev/null", format="png", dpi=150)
     drawn = time.perf_counter()
     maximum = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    shape = " x ".join(map(str, found.distribution.values.shape))
+    shape = " x ".join(map(str, analysis.distribution.values.shape))
     print(
         f"{len(t):8d} {shape:>12} {analysed - began:10.2f} {drawn - analysed:8.2f} "
         f"{before / 1024:12.0f} {maximum / 1024:10.0f}"

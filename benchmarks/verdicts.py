@@ -73,8 +73,8 @@ def fault(line: str, seconds: float = 0.08) -> str:
 
 def two_area(*sets: str, gain: float = 10.0, **more: Any) -> Row:
     """The recommended run with the lead-lag of a gain, 40 s."""
-    own = ("duration=40", *BARE, "controllers.0.name=LLC", f"controllers.0.parameters.gain={gain}", *sets)
-    return Row("two_area_deployment", own, **more)
+    run_sets = ("duration=40", *BARE, "controllers.0.name=LLC", f"controllers.0.parameters.gain={gain}", *sets)
+    return Row("two_area_deployment", run_sets, **more)
 
 
 def smib(*sets: str, gain: float = 10.0, **more: Any) -> Row:
@@ -149,9 +149,9 @@ def truth(name: str, delay: float) -> tuple[float, list[tuple[float, float]]]:
     row = ROWS[name]
     case = unsupervised(load_case(row.run, sets_of(row, delay, linear=True)))
     if case.controllers:
-        made = delayed_loop(case)
-        found = eigen(made, sampled(made, min(link_delays(case))))
-        growth, modes = found.growth, oscillations(made, found, case)
+        delayed = delayed_loop(case)
+        spectrum = eigen(delayed, sampled(delayed, min(link_delays(case))))
+        growth, modes = spectrum.growth, oscillations(delayed, spectrum, case)
     else:
         modes = modal_tables.analyse(case.system, case.run.devices).modes
         growth = max(mode.eigenvalue.real for mode in modes if mode.swings)
@@ -190,12 +190,12 @@ def is_right(kind: str, verdict: str) -> bool:
 
 def nearest(modes: list[tuple[float, float]], responses: list[Seen]) -> tuple[float, str, list[float]]:
     """Of the linear mode at the frequency of the responses' strongest modes: its ratio, theirs as text, errors."""
-    found = [one.mode for one in responses if one.mode is not None]
-    if not found:
+    fitted = [response.mode for response in responses if response.mode is not None]
+    if not fitted:
         return modes[0][0], "-", []
-    hertz = float(np.median([frequency for _, frequency in found]))
+    hertz = float(np.median([frequency for _, frequency in fitted]))
     linear = min(modes, key=lambda mode: abs(mode[1] - hertz))
-    near = [ratio for ratio, frequency in found if abs(frequency - linear[1]) < 0.1 * linear[1]]
+    near = [ratio for ratio, frequency in fitted if abs(frequency - linear[1]) < 0.1 * linear[1]]
     if not near:
         return linear[0], "-", []
     text = f"{100 * np.median(near):.2f} [{100 * min(near):.2f}, {100 * max(near):.2f}]"
@@ -206,37 +206,37 @@ def main(first: int, names: list[str], out: Path) -> None:
     """Print both tables and write the first as CSV; `first`: seed; names: of ROWS, all without."""
     chosen = [(name, delay) for name in names or ROWS for delay in ROWS[name].delays]
     with ProcessPoolExecutor() as pool:
-        found = list(
-            pool.map(seen, [(*one, seed) for one in chosen for seed in range(first, first + SEEDS)], chunksize=4)
+        responses = list(
+            pool.map(seen, [(*row, seed) for row in chosen for seed in range(first, first + SEEDS)], chunksize=4)
         )
     counted: dict[str, list[Seen]] = {"sound": [], "grows": []}
     table, failed, errors = [], [], []
     for name, delay in chosen:
-        own = [one for one in found if (one.name, one.delay) == (name, delay)]
+        of_row = [response for response in responses if (response.name, response.delay) == (name, delay)]
         growth, modes = truth(name, delay)
         kind = "sound" if modes[0][0] >= SOUND and growth < 0 else "grows" if growth > GROWS else None
         if kind:
-            counted[kind] += own
-            rate = np.mean([is_right(kind, one.verdict) for one in own])
+            counted[kind] += of_row
+            rate = np.mean([is_right(kind, response.verdict) for response in of_row])
             failed += [(name, delay, rate)] if rate < 0.95 else []
-        strongest, text, off = nearest(modes, own)
+        strongest, text, off = nearest(modes, of_row)
         if kind == "sound" and strongest < WELL and "no event" not in name:
             errors += off
         figures = [f"{1e3 * delay:.0f}", f"{growth:.3f}", f"{100 * modes[0][0]:.2f}", f"{100 * strongest:.2f}", text]
-        table.append([name, *figures, words([x.verdict for x in own]), words([x.alone for x in own])])
+        table.append([name, *figures, words([x.verdict for x in of_row]), words([x.alone for x in of_row])])
         print("  ".join(table[-1]), flush=True)
     out.mkdir(parents=True, exist_ok=True)
     (out / "verdicts.csv").write_text(as_csv(COLUMNS, table), encoding="utf-8")
     print("\n| the linear loop | runs | called so | right | undecided | without twin |\n|---|--:|---|--:|--:|--:|")
     for kind, verdict in (("sound", "damped"), ("grows", "growing, limit cycle or lost")):
-        own = counted[kind]
+        of_kind = counted[kind]
         sides = (
-            [is_right(kind, one.verdict) for one in own],
-            [one.verdict == "undecided" for one in own],
-            [is_right(kind, one.alone) for one in own],
+            [is_right(kind, response.verdict) for response in of_kind],
+            [response.verdict == "undecided" for response in of_kind],
+            [is_right(kind, response.alone) for response in of_kind],
         )
-        rates = [100 * np.mean(side) for side in sides] if own else []
-        print(f"| {kind} | {len(own)} | {verdict} | {' | '.join(f'{rate:.1f} %' for rate in rates)} |")
+        rates = [100 * np.mean(side) for side in sides] if of_kind else []
+        print(f"| {kind} | {len(of_kind)} | {verdict} | {' | '.join(f'{rate:.1f} %' for rate in rates)} |")
     print(f"\nrows below 95 %: {failed or 'none'}")
     if errors:
         print(

@@ -50,20 +50,22 @@ class Row(NamedTuple):
 
 def rows() -> list[Row]:
     """From top to bottom, as import-linter's contracts have them."""
-    found: list[Row] = []
+    table_rows: list[Row] = []
     for number, names in enumerate([*_layers(OF_WINGS), *_layers(OF_ROOMS)]):
         folders = [name for name in names if (_path(name) / "__init__.py").is_file()]
-        found += [Row([name], number, _purpose(name), _lines(name)) for name in folders]
+        table_rows += [Row([name], number, _purpose(name), _lines(name)) for name in folders]
         files = [name for name in names if name not in folders]
         if files:
-            found.append(Row(files, number, _purpose(files[0]) if len(files) == 1 else "", 0))
-    return found
+            table_rows.append(Row(files, number, _purpose(files[0]) if len(files) == 1 else "", 0))
+    return table_rows
 
 
 def _layers(contract: str) -> list[list[str]]:
     """Layers of a contract, each with the full names of its modules; those of a checkout alone are left out."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
-    (content,) = (one for one in settings["contracts"] if one["name"].startswith(f"{contract}: "))
+    (content,) = (
+        contract_table for contract_table in settings["contracts"] if contract_table["name"].startswith(f"{contract}: ")
+    )
     of = f"{content['containers'][0]}." if "containers" in content else ""
     layers = [[of + name.strip() for name in layer.split("|")] for layer in content["layers"]]
     return [names for names in layers if not set(names) & NOT_DRAWN]
@@ -84,7 +86,7 @@ def _purpose(name: str) -> str:
 
 
 def _lines(name: str) -> int:
-    return sum(len(one.read_text(encoding="utf-8").splitlines()) for one in _path(name).rglob("*.py"))
+    return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in _path(name).rglob("*.py"))
 
 
 def _fitting(text: str, room: float) -> str:
@@ -118,18 +120,20 @@ def way_of_a_frame() -> set[str]:
 
 def drawing() -> str:
     """The SVG: under each package a rail, with a dot beside every package below that it imports."""
-    found, frame = rows(), way_of_a_frame()
-    used, height = imports(found), TOP + ROW * len(found) + 12
+    table_rows, frame = rows(), way_of_a_frame()
+    used, height = imports(table_rows), TOP + ROW * len(table_rows) + 12
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" width="{WIDTH}" height="{height}">',
         f"<style>{STYLE}</style>",
         f'<rect width="{WIDTH}" height="{height}" fill="#fff"/>',
     ]
-    for number in {row.layer for row in found if row.layer % 2}:
-        own = [i for i, row in enumerate(found) if row.layer == number]
-        parts.append(f'<rect y="{TOP + ROW * own[0]}" width="{WIDTH}" height="{ROW * len(own)}" fill="#f2f4f7"/>')
+    for number in {row.layer for row in table_rows if row.layer % 2}:
+        members = [i for i, row in enumerate(table_rows) if row.layer == number]
+        parts.append(
+            f'<rect y="{TOP + ROW * members[0]}" width="{WIDTH}" height="{ROW * len(members)}" fill="#f2f4f7"/>'
+        )
     parts.append(f'<text x="{WIDTH - 10}" y="20" text-anchor="end">lines of code, about</text>')
-    for i, row in enumerate(found):
+    for i, row in enumerate(table_rows):
         x, y = LEFT + STEP * i, TOP + ROW * (i + 0.5)
         seen = [k for above, k in sorted(used) if above == i]
         kind = ' class="frame"' if frame & set(row.names) else ""
@@ -141,7 +145,7 @@ def drawing() -> str:
         title = f'<tspan class="name{" frame" if kind else ""}">{name}</tspan>'
         parts.append(f'<text x="{x + 6:g}" y="{y + 4:g}">{title}<tspan dx="8">{purpose}</tspan></text>')
         if row.lines:
-            told = max(1, round(row.lines / ROUNDED))
-            parts.append(f'<rect class="bar" x="{BARS}" y="{y - 4:g}" width="{told * 2.4:g}" height="8"/>')
-            parts.append(f'<text x="{WIDTH - 10}" y="{y + 4:g}" text-anchor="end">{told * ROUNDED}</text>')
+            rounded = max(1, round(row.lines / ROUNDED))
+            parts.append(f'<rect class="bar" x="{BARS}" y="{y - 4:g}" width="{rounded * 2.4:g}" height="8"/>')
+            parts.append(f'<text x="{WIDTH - 10}" y="{y + 4:g}" text-anchor="end">{rounded * ROUNDED}</text>')
     return "\n".join([*parts, "</svg>", ""])

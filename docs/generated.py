@@ -124,19 +124,19 @@ def commands() -> str:
         COMMANDS,
         "| command | does |",
         "|---|---|",
-        *(f"| [`{name}`](#{name}) | {one.description} |" for name, one in verbs.items()),
+        *(f"| [`{name}`](#{name}) | {verb.description} |" for name, verb in verbs.items()),
         "",
     ]
-    told = {name: list(_options(one)) for name, one in verbs.items()}
-    many = Counter(row for rows in told.values() for row in rows)
+    options = {name: list(_options(verb)) for name, verb in verbs.items()}
+    many = Counter(row for rows in options.values() for row in rows)
     common = [row for row, number in many.items() if number >= SEVERAL and row.startswith("| `")]
     lines += ["## Common options", "", COMMON, "", *_argument_table(common)]
-    for name, one in verbs.items():
-        usage = " ".join(one.format_usage().removeprefix("usage: ").split())
-        lines += [f"## {name}", "", one.description or "", "", "```text", usage, "```", ""]
-        lines += _argument_table([row for row in told[name] if row not in common])
-        if one.epilog:
-            lines += ["Examples:", "", *(f"    {line.strip()}" for line in one.epilog.splitlines()[1:]), ""]
+    for name, verb in verbs.items():
+        usage = " ".join(verb.format_usage().removeprefix("usage: ").split())
+        lines += [f"## {name}", "", verb.description or "", "", "```text", usage, "```", ""]
+        lines += _argument_table([row for row in options[name] if row not in common])
+        if verb.epilog:
+            lines += ["Examples:", "", *(f"    {line.strip()}" for line in verb.epilog.splitlines()[1:]), ""]
     return "\n".join(lines)
 
 
@@ -151,26 +151,26 @@ def _options(command: argparse.ArgumentParser) -> Iterator[str]:
             value = str(action.metavar or "") or (
                 "" if action.choices is None else " or ".join(map(str, action.choices))
             )
-            given = f" `{value}`" if value and action.nargs != 0 else ""
-            yield f"| {names}{given} | {_cell(action.help or '')} |"
+            metavar = f" `{value}`" if value and action.nargs != 0 else ""
+            yield f"| {names}{metavar} | {_cell(action.help or '')} |"
 
 
 def fields() -> str:
     """Every field of every kind of file, from the models that check them."""
     lines = [FIELDS]
-    told: set[type[ParameterModel]] = set()
+    described: set[type[ParameterModel]] = set()
     for title, model in FILES.items():
         lines += [f"## {title}", ""]
         inside = [model]
         while inside:
-            one = inside.pop(0)
-            if one in told:
+            nested = inside.pop(0)
+            if nested in described:
                 continue
-            told.add(one)
-            if one.__name__ not in MODELS:
-                lines += [f"### {_title(one)}", ""] if one is not model else []
-                lines += [f"{_sentences(one)}", "", *_table(one), ""]
-            inside = [other for field in one.model_fields.values() for other in _models(field.annotation)] + inside
+            described.add(nested)
+            if nested.__name__ not in MODELS:
+                lines += [f"### {_title(nested)}", ""] if nested is not model else []
+                lines += [f"{_sentences(nested)}", "", *_table(nested), ""]
+            inside = [other for field in nested.model_fields.values() for other in _models(field.annotation)] + inside
         lines += _controls() if model is System else []
     return "\n".join([*lines, *_parameters()])
 
@@ -200,11 +200,22 @@ def _parameters() -> Iterator[str]:
         yield f"### {title} parameters\n"
         yield "| parameter | unit | default | range | live | meaning |"
         yield "|---|---|---|---|---|---|"
-        for key, one in CONTROLLERS[name].parameters.items():
-            told = f"{one.default} (`thesis`), {one.deployed} (`deployed`)" if one.deployed is not None else one.default
-            span = ", ".join(one.choices) or f"{one.low:g} to {one.high:g}"
-            each = f"; a list may have one for each {one.each}" if one.each else ""
-            cells = (f"`{key}`", one.unit, str(told), span, "yes" if one.live else "no", one.description + each)
+        for key, parameter in CONTROLLERS[name].parameters.items():
+            default = (
+                f"{parameter.default} (`thesis`), {parameter.deployed} (`deployed`)"
+                if parameter.deployed is not None
+                else parameter.default
+            )
+            span = ", ".join(parameter.choices) or f"{parameter.low:g} to {parameter.high:g}"
+            each = f"; a list may have one for each {parameter.each}" if parameter.each else ""
+            cells = (
+                f"`{key}`",
+                parameter.unit,
+                str(default),
+                span,
+                "yes" if parameter.live else "no",
+                parameter.description + each,
+            )
             yield f"| {' | '.join(map(_cell, cells))} |"
         yield ""
 
@@ -257,7 +268,7 @@ def _cell(text: str) -> str:
 
 
 def _bound(metadata: list[Any], key: str) -> float | None:
-    return next((getattr(one, key) for one in metadata if getattr(one, key, None) is not None), None)
+    return next((getattr(limit, key) for limit in metadata if getattr(limit, key, None) is not None), None)
 
 
 def _default(value: Any, factory: Any) -> str:
@@ -269,8 +280,8 @@ def _default(value: Any, factory: Any) -> str:
         return {None: "none", "": ""}.get(value, "empty") if not isinstance(value, (list, dict)) else "empty"
     if isinstance(value, list) and isinstance(value[0], ParameterModel):
         return "one with its defaults"
-    told = str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
-    return f"`{told.replace(chr(39), '')}`"
+    shown = str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+    return f"`{shown.replace(chr(39), '')}`"
 
 
 def _kind(annotation: Any) -> str:
@@ -282,7 +293,7 @@ def _kind(annotation: Any) -> str:
         return _kind(inside[0])
     if origin is Literal:
         return ", ".join(f"`{value}`" for value in inside)
-    family = next((base for base in FAMILIES if inside and all(_is_kind(one, base) for one in inside)), None)
+    family = next((base for base in FAMILIES if inside and all(_is_kind(part, base) for part in inside)), None)
     if family is not None:
         return f"[{FAMILIES[family]}](#{FAMILIES[family].lower()})"
     if origin in (Union, types.UnionType):
@@ -305,7 +316,10 @@ def _is_kind(annotation: Any, base: type[ParameterModel]) -> bool:
 
 def _title(model: type[ParameterModel]) -> str:
     """What a model is called: the kind of file that it is, or its own name."""
-    return next((title for title, own in FILES.items() if own is model), (TWICE | FAMILIES).get(model, model.__name__))
+    return next(
+        (title for title, described_model in FILES.items() if described_model is model),
+        (TWICE | FAMILIES).get(model, model.__name__),
+    )
 
 
 def _models(annotation: Any) -> Iterator[type[ParameterModel]]:
@@ -314,8 +328,8 @@ def _models(annotation: Any) -> Iterator[type[ParameterModel]]:
         if annotation not in FILES.values():
             yield from (*_families(annotation), annotation)
         return
-    for one in get_args(annotation):
-        yield from _models(one)
+    for argument in get_args(annotation):
+        yield from _models(argument)
 
 
 DEVICES = "| device | setpoint | a positive setpoint |\n|---|---|---|\n"
@@ -324,7 +338,9 @@ DEVICES = "| device | setpoint | a positive setpoint |\n|---|---|---|\n"
 def devices() -> str:
     """The page of devices with their table, which has a row for each kind."""
     text = (ROOT / "docs" / "facts_devices.md").read_text(encoding="utf-8")
-    rows = [f"| {one.name} | {one.setpoint} | {one.positive} |\n" for one in (kind.shown for kind in KINDS.values())]
+    rows = [
+        f"| {shown.name} | {shown.setpoint} | {shown.positive} |\n" for shown in (kind.shown for kind in KINDS.values())
+    ]
     before, _, after = text.partition(DEVICES)
     return before + DEVICES + "".join(rows) + after[after.index("\n\n") + 1 :]
 

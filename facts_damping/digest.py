@@ -25,20 +25,20 @@ def digest(record: Record) -> str:
     Left out is what the run does not determine: the configuration's text, refused messages, publishers.
     """
     hashed = sha256(repr([list(getattr(record, name)) for name in NAMES]).encode())
-    for one in fields(record):
-        value = getattr(record, one.name)
+    for field in fields(record):
+        value = getattr(record, field.name)
         if isinstance(value, np.ndarray):
-            left_out = [name for name in YOUNGER.get(one.name, []) if np.isnan(value[name]).all()]
+            left_out = [name for name in YOUNGER.get(field.name, []) if np.isnan(value[name]).all()]
             table = canonical(drop_fields(value, left_out, usemask=False) if left_out else value)
-            hashed.update(repr((one.name, table.dtype.descr, table.shape)).encode())
+            hashed.update(repr((field.name, table.dtype.descr, table.shape)).encode())
             hashed.update(table.tobytes())
     return hashed.hexdigest()[:LENGTH]
 
 
 def canonical(table: NDArray[Any]) -> NDArray[Any]:
     """The numbers in little-endian order with a single NaN, because the bits of NaN depend on the processor."""
-    found = table.astype(table.dtype.newbyteorder("<"))
-    for column in [found[name] for name in found.dtype.names] if found.dtype.names else [found]:
+    plain = table.astype(table.dtype.newbyteorder("<"))
+    for column in [plain[name] for name in plain.dtype.names] if plain.dtype.names else [plain]:
         if column.dtype.kind == "f":
             column[np.isnan(column)] = np.nan
-    return found
+    return plain

@@ -76,11 +76,11 @@ def meant(name: str, allowed: Iterable[str]) -> str:
         return f" (called {OLD_NAMES[name]} now)"
     from difflib import get_close_matches  # noqa: PLC0415 (asked for by errors alone)
 
-    by_small = {one.lower(): one for one in allowed}
+    by_small = {word.lower(): word for word in allowed}
     likeness = 0.65 if name.isalpha() and len(name) in SHORT else 0.8  # in a short word one letter is a third
-    found = get_close_matches(name.lower(), by_small, 3, likeness)
-    found.sort(key=lambda one: sorted(one) != sorted(name.lower()))  # prefer names with swapped letters
-    return f" (did you mean {by_small[found[0]]}?)" if found else ""
+    matches = get_close_matches(name.lower(), by_small, 3, likeness)
+    matches.sort(key=lambda word: sorted(word) != sorted(name.lower()))  # prefer names with swapped letters
+    return f" (did you mean {by_small[matches[0]]}?)" if matches else ""
 
 
 def check_known(where: str, name: str, allowed: Iterable[str]) -> None:

@@ -12,7 +12,7 @@ def escaped(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(one if one.isprintable() or one in "\n\t" else _escape(one) for one in text)
+    return "".join(letter if letter.isprintable() or letter in "\n\t" else _escape(letter) for letter in text)
 
 
 def _escape(character: str) -> str:

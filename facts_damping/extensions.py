@@ -39,7 +39,7 @@ GROUPS = (
 @cache
 def given(group: str) -> dict[str, EntryPoint]:
     """Entry points of a group by name, in alphabetical order."""
-    return {one.name: one for one in sorted(every(), key=lambda one: one.name) if one.group == PREFIX + group}
+    return {hook.name: hook for hook in sorted(every(), key=lambda hook: hook.name) if hook.group == PREFIX + group}
 
 
 def module(name: str) -> ModuleType:
@@ -57,39 +57,39 @@ def every() -> list[EntryPoint]:
     Raises `InputError` for an unknown group, an incomplete pair, or a name that is given twice.
     """
     known = entry_points()
-    found = [one for group in sorted(known.groups) if group.startswith(PREFIX) for one in known.select(group=group)]
+    hooks = [hook for group in sorted(known.groups) if group.startswith(PREFIX) for hook in known.select(group=group)]
     by_name: dict[tuple[str, str], EntryPoint] = {}
-    for one in found:
-        group = one.group.removeprefix(PREFIX)
+    for hook in hooks:
+        group = hook.group.removeprefix(PREFIX)
         if group not in GROUPS:
-            raise InputError(f"{_named(one)}: no such group; allowed: {', '.join(PREFIX + group for group in GROUPS)}")
+            raise InputError(f"{_named(hook)}: no such group; allowed: {', '.join(PREFIX + group for group in GROUPS)}")
         other = PREFIX + NEEDS.get(group, "")
-        if other != PREFIX and not any(two.group == other and two.name == one.name for two in found):
-            raise InputError(f"{_named(one)}: given alone; allowed: with {one.name} of {other}")
-        first = by_name.setdefault((group, one.name), one)
-        if first is not one:
-            raise InputError(f"{_named(one)}: the name is taken; allowed: another than that of {_named(first)}")
-    return found
+        if other != PREFIX and not any(two.group == other and two.name == hook.name for two in hooks):
+            raise InputError(f"{_named(hook)}: given alone; allowed: with {hook.name} of {other}")
+        first = by_name.setdefault((group, hook.name), hook)
+        if first is not hook:
+            raise InputError(f"{_named(hook)}: the name is taken; allowed: another than that of {_named(first)}")
+    return hooks
 
 
-def rows(group: str, row: type, taken: Collection[str] = ()) -> dict[str, Any]:
+def rows(group: str, row: type, used: Collection[str] = ()) -> dict[str, Any]:
     """Rows that packages add to a table, by name.
 
-    `row`: required type of each row, or base class; `taken`: names already taken. Raises `InputError` if a row cannot
+    `row`: required type of each row, or base class; `used`: names already taken. Raises `InputError` if a row cannot
     be loaded, has another type, or has a name that is taken.
     """
-    found = {}
-    for name, one in given(group).items():
-        if name in taken:
-            raise InputError(f"{_named(one)}: the name is taken; allowed: another than {', '.join(taken)}")
+    loaded = {}
+    for name, hook in given(group).items():
+        if name in used:
+            raise InputError(f"{_named(hook)}: the name is taken; allowed: another than {', '.join(used)}")
         try:
-            found[name] = one.load()
+            loaded[name] = hook.load()
         except Exception as error:
-            text = f"{_named(one)}: {type(error).__name__}: {one_line(error)}"
+            text = f"{_named(hook)}: {type(error).__name__}: {one_line(error)}"
             raise InputError(f"{text}; allowed: module:row, of a module that imports no table but its own") from error
-        if not (isinstance(found[name], row) or (isinstance(found[name], type) and issubclass(found[name], row))):
-            raise InputError(f"{_named(one)}: {type(found[name]).__name__} given; allowed: {row.__name__}")
-    return found
+        if not (isinstance(loaded[name], row) or (isinstance(loaded[name], type) and issubclass(loaded[name], row))):
+            raise InputError(f"{_named(hook)}: {type(loaded[name]).__name__} given; allowed: {row.__name__}")
+    return loaded
 
 
 def _named(entry_point: EntryPoint) -> str:

@@ -47,12 +47,12 @@ class _Before(NamedTuple):
 def quantity(default: Any, unit: str, description: str, usual: float | None = None, **limits: float) -> Any:
     """A number with unit, meaning and range; `...` as default makes it required: then `usual` is a value that is."""
     extra = {"unit": unit} | ({} if usual is None else {"usual": usual})
-    made = Field(default, description=description, json_schema_extra=extra, **limits)  # type: ignore[call-overload]
+    field = Field(default, description=description, json_schema_extra=extra, **limits)  # type: ignore[call-overload]
     if limits.get("gt") == 0:
-        made.metadata.append(_Before(_not_vanishing))
+        field.metadata.append(_Before(_not_vanishing))
     if unit in SCALES:  # which comes first
-        made.metadata.append(_Before(partial(_in_unit, unit)))
-    return made
+        field.metadata.append(_Before(partial(_in_unit, unit)))
+    return field
 
 
 def usual_values(model: type[ParameterModel]) -> dict[str, Any]:
@@ -61,19 +61,19 @@ def usual_values(model: type[ParameterModel]) -> dict[str, Any]:
     return {name: extra["usual"] for name, extra in extras.items() if isinstance(extra, dict) and "usual" in extra}
 
 
-def _not_vanishing(given: Any) -> Any:
-    if isinstance(given, float) and 0.0 < given < MINIMUM:
-        raise ValueError(f"{given:g} given; allowed: {MINIMUM:g} or more")
-    return given
+def _not_vanishing(value: Any) -> Any:
+    if isinstance(value, float) and 0.0 < value < MINIMUM:
+        raise ValueError(f"{value:g} given; allowed: {MINIMUM:g} or more")
+    return value
 
 
-def _in_unit(unit: str, given: Any) -> Any:
+def _in_unit(unit: str, value: Any) -> Any:
     """A number that is given as text with its unit, `50 ms`, in the unit of its field."""
-    if not isinstance(given, str):
-        return given
-    found = re.fullmatch(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?([^\d\s]\S*)", given.strip())
-    scale = SCALES[unit].get(found[2]) if found else None
-    if found is None or scale is None:
+    if not isinstance(value, str):
+        return value
+    match = re.fullmatch(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?([^\d\s]\S*)", value.strip())
+    scale = SCALES[unit].get(match[2]) if match else None
+    if match is None or scale is None:
         number = "a number" if unit == "-" else f"a number in {unit}"
-        raise ValueError(f"{given!r} given; allowed: {number}, or one with {', '.join(SCALES[unit])}")
-    return float(found[1]) * scale if scale != 1.0 else float(found[1])
+        raise ValueError(f"{value!r} given; allowed: {number}, or one with {', '.join(SCALES[unit])}")
+    return float(match[1]) * scale if scale != 1.0 else float(match[1])

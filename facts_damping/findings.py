@@ -77,15 +77,15 @@ def names(records: Sequence[Record]) -> list[str]:
     rows = [_parts(record) if record.configuration else (title(record),) * 5 for record in records]
     for count in range(1, 6):
         for chosen in combinations((CONTROLLERS, LINK, EVENTS, MEASUREMENT, SEED), count):
-            found = [", ".join(row[i] for i in chosen) for row in rows]
-            if len(set(found)) == len(found):
-                return found
+            short_names = [", ".join(row[i] for i in chosen) for row in rows]
+            if len(set(short_names)) == len(short_names):
+                return short_names
     return [f"{i + 1} {row[CONTROLLERS]}" for i, row in enumerate(rows)]
 
 
 def names_of_seeds(records: Sequence[Record]) -> list[str]:
     """Names of records; records that differ only in their seeds share one."""
-    kinds = [tuple(sorted((key, repr(value)) for key, value in one.asked.items() if key != "seed")) for one in records]
+    kinds = [tuple(sorted((key, repr(value)) for key, value in run.asked.items() if key != "seed")) for run in records]
     first = {kind: record for kind, record in reversed(list(zip(kinds, records, strict=True))) if kind}
     if len(first) == len(records) or not all(kinds):
         return names(records)
@@ -147,8 +147,8 @@ def _index(record: Record, summary: Summary, free: Record | FactsDampingError | 
     if not _has_index(record, summary):
         return []
     event = bool(record.configuration.get("scenario"))
-    own = itae(record) if event else _rms(record)
-    text = f"ITAE {own:.3g}" if event else f"rms of the speed differences in noise {own:.3g}"
+    index = itae(record) if event else _rms(record)
+    text = f"ITAE {index:.3g}" if event else f"rms of the speed differences in noise {index:.3g}"
     if free is None:
         return [text]
     if isinstance(free, FactsDampingError):
@@ -158,13 +158,13 @@ def _index(record: Record, summary: Summary, free: Record | FactsDampingError | 
     other = itae(free) if event else _rms(free)
     if not other:  # nothing has happened yet
         return [f"{text}, without control 0"]
-    change = _change(own / other) if event else f"variance {_variance(record, free, (own / other) ** 2)}"
+    change = _change(index / other) if event else f"variance {_variance(record, free, (index / other) ** 2)}"
     return [f"{text}, without control {other:.3g}: {change}"]
 
 
 def _variance(record: Record, free: Record, whole: float) -> str:
     """The change of the variance in noise, with its interval where the run is long enough; `whole`: ratio without."""
-    ratio = variance_ratio(record.time_s, *(columns(speed_differences(one)) for one in (record, free)))
+    ratio = variance_ratio(record.time_s, *(columns(speed_differences(run)) for run in (record, free)))
     if ratio is None:
         return f"{_change(whole)} (no interval: run shorter than a minute)"
     return f"{_change(ratio[0])} (90 % interval: {_change(ratio[1])} to {_change(ratio[2])})"

@@ -108,7 +108,7 @@ def check_file(path: Path, maximum: int) -> None:
 def check_unpacked(path: Path, content: bytes, maximum: int) -> None:
     """Raise `InputError` for a ZIP archive (NPZ, FMU) of more than `maximum` bytes unpacked."""
     with ZipFile(BytesIO(content)) as archive:
-        size = sum(one.file_size for one in archive.infolist())
+        size = sum(member.file_size for member in archive.infolist())
     if size > maximum:
         raise InputError(f"{path}: more than {maximum} bytes unpacked; allowed: at most {maximum}")
 

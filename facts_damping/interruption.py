@@ -44,7 +44,7 @@ def text(more: str = "") -> str:
 def heeded() -> list[signal.Signals]:
     """Interruptions that this process handles: all except SIGHUP if that is ignored, as after `nohup`."""
     ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    return [one for one in INTERRUPTIONS if one != signal.SIGHUP or not ignored]
+    return [interruption for interruption in INTERRUPTIONS if interruption != signal.SIGHUP or not ignored]
 
 
 def end_at_once(number: int, _frame: Any) -> None:
@@ -154,12 +154,12 @@ def ensure_tracker(module: Any) -> None:
 def script_apart() -> Iterator[None]:
     """Prevent `multiprocessing` from running the caller's script again in each process that is started."""
     main = vars(sys.modules["__main__"])
-    kept = {name: value for name, value in main.items() if name in ("__file__", "__spec__")}
-    main.update(dict.fromkeys(kept))
+    attributes = {name: value for name, value in main.items() if name in ("__file__", "__spec__")}
+    main.update(dict.fromkeys(attributes))
     try:
         yield
     finally:
-        main.update(kept)
+        main.update(attributes)
 
 
 def tie_to_parent(number: int = signal.SIGTERM, parent: int | None = None) -> None:

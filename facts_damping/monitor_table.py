@@ -219,14 +219,14 @@ def reason_of(row: Any, thresholds: NDArray[Any], *, refused: bool = False) -> s
         monitor = MONITORS[_NAMES[code]]
         value, limit = float(row["values"][code]), float(thresholds["limit"][code])
         return f"{_NAMES[code]} ({monitor.description}): {value:.3g} {monitor.unit}; allowed: {limit:g}"
-    found = {
+    texts = {
         NOT_PROBED: "no probe; allowed: after ~/probe",
         PROBE_WEAK: f"probe: coherence {row['probe_coherence']:.2f}, the response is lost in noise",
         PROBE_GAIN: f"probe: response {row['probe_gain']:.2f} times that of the model",
         PROBE_HARM: f"probe: control would reduce damping by {-row['added_damping']:.3g} 1/s",
         PROBE_PHASE: f"probe: response {math.degrees(row['probe_phase']):.0f} degrees from that of the model",
     }
-    return found.get(code, cause_name(code))
+    return texts.get(code, cause_name(code))
 
 
 # Largest plausible deviation of each channel (signals.CHANNELS) from zero or, for frequency, from nominal.

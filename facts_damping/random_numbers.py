@@ -176,8 +176,8 @@ def uniform(generator: np.random.Generator, low: float, high: float, size: Size)
 
 def _drawn(generator: np.random.Generator, kind: int, a: float, b: float, size: Size) -> NDArray[np.float64]:
     """Draws of a kind; the generator then points behind the numbers used."""
-    found, source = np.zeros(size), generator.bit_generator
-    flat, before, raw, at = found.reshape(-1), source.state, np.zeros(0, np.uint64), np.zeros(1, np.int64)
+    numbers, source = np.zeros(size), generator.bit_generator
+    flat, before, raw, at = numbers.reshape(-1), source.state, np.zeros(0, np.uint64), np.zeros(1, np.int64)
     done = used = 0
     while done < flat.size:
         more = flat.size - done + (flat.size - done) // 16 + 64
@@ -186,7 +186,7 @@ def _drawn(generator: np.random.Generator, kind: int, a: float, b: float, size: 
         used += int(at[0])
     source.state = before
     source.random_raw(used, output=False)
-    return found
+    return numbers
 
 
 def normal(generator: np.random.Generator, mean: float, std: float, size: Size) -> NDArray[np.float64]:
@@ -216,8 +216,8 @@ def gamma(generator: np.random.Generator, shape: float, scale: float, size: Size
 
 def integers(generator: np.random.Generator, bound: int, size: Size) -> NDArray[np.int64]:
     """Integers from 0 to below a bound, which is less than 2^32; the stream must have no half number left."""
-    found, source = np.zeros(size, np.int64), generator.bit_generator
-    flat, before, at, done = found.reshape(-1), source.state, np.zeros(1, np.int64), 0
+    numbers, source = np.zeros(size, np.int64), generator.bit_generator
+    flat, before, at, done = numbers.reshape(-1), source.state, np.zeros(1, np.int64), 0
     raw = np.zeros(0, np.uint64)
     while done < flat.size:
         raw = np.concatenate([raw, source.random_raw((flat.size - done) // 2 + 64)])
@@ -229,4 +229,4 @@ def integers(generator: np.random.Generator, bound: int, size: Size) -> NDArray[
         state: Any = source.state
         state["has_uint32"], state["uinteger"] = 1, int(raw[used // 2]) >> 32
         source.state = state
-    return found
+    return numbers

@@ -148,9 +148,9 @@ class Record:
     @property
     def frame_rate(self) -> int:
         """Frames per second: configured, else from the times of the ticks."""
-        given = self.configuration.get("frame_rate")
-        if isinstance(given, int):
-            return given
+        configured = self.configuration.get("frame_rate")
+        if isinstance(configured, int):
+            return configured
         return round(NANOSECONDS / float(np.diff(self.time_ns).min())) if len(self.time_ns) > 1 else 1
 
     @property
@@ -190,16 +190,16 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
             for c, (name, unit) in enumerate({**CHANNELS, "measured": "s"}.items()):
                 yield f"delivered.{link}.{pmu}.{name}_{unit}", unit, held[:, c]
     for way in ("issued", "supervised", "applied"):
-        for (c, d), own in group_by(getattr(record, way), "controller", "device"):
+        for (c, d), setpoints in group_by(getattr(record, way), "controller", "device"):
             name = f"{way}.{record.controller_names[c]}.{record.device_names[d]}"
-            yield f"{name}_pu", "pu", _held(record.ticks, own["tick"], own["value"][:, None])[:, 0]
+            yield f"{name}_pu", "pu", _held(record.ticks, setpoints["tick"], setpoints["value"][:, None])[:, 0]
     for kind, names, table in (
         ("machine", record.machine_names, record.machines),
         ("device", record.device_names, record.devices),
     ):
-        for i, one in enumerate(names):
+        for i, element in enumerate(names):
             for name in table.dtype.names or ():
-                yield f"{kind}.{one}.{truth_field(name)}", TRUTH_UNITS.get(name, "pu"), table[name][:, i]
+                yield f"{kind}.{element}.{truth_field(name)}", TRUTH_UNITS.get(name, "pu"), table[name][:, i]
     yield "in_synchronism", "-", record.in_synchronism
     yield from _learnt(record)
     yield from _watched(record)
@@ -208,21 +208,21 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
 def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
     """Columns of identifiers' estimates and networks' learning."""
     rows = record.estimates
-    for (c, i, d), own in group_by(rows, "controller", "signal", "device"):
+    for (c, i, d), estimates in group_by(rows, "controller", "signal", "device"):
         place, signal = record.controller_names[c], _signal(record, c, i)
         values = _held(
             record.ticks,
-            own["tick"],
-            np.column_stack([own[key] for key in ("jacobian", "prediction", "error", "change")]),
+            estimates["tick"],
+            np.column_stack([estimates[key] for key in ("jacobian", "prediction", "error", "change")]),
         )
         yield f"estimate.{place}.{signal}.{record.device_names[d]}_pu_per_pu", "pu/pu", values[:, 0]
         if d == rows["device"][(rows["controller"] == c) & (rows["signal"] == i)][0]:
             yield f"estimate.{place}.{signal}.prediction_pu", "pu", values[:, 1]
             yield f"estimate.{place}.{signal}.error_pu", "pu", values[:, 2]
             yield f"estimate.{place}.{signal}.change_pu", "pu", values[:, 3]
-    for (c, n, o, g), own in group_by(record.learning, "controller", "identifier", "output", "group"):
+    for (c, n, o, g), part in group_by(record.learning, "controller", "identifier", "output", "group"):
         place = f"learning.{record.controller_names[c]}." + ("identifier" if n else "controller")
-        values = _held(record.ticks, own["tick"], np.column_stack([own[key] for key in ("rate", "lyapunov", "fall")]))
+        values = _held(record.ticks, part["tick"], np.column_stack([part[key] for key in ("rate", "lyapunov", "fall")]))
         yield f"{place}.{o}.{g}.rate", "-", values[:, 0]
         if (o, g) == (0, 0):
             yield f"{place}.lyapunov", "-", values[:, 1]
@@ -232,8 +232,8 @@ def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
 def _watched(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
     """Columns of supervisors: code of the state, fraction of the ramp, values of the monitors."""
     units = {"state": "-", "fraction": "-", **{name: row.unit for name, row in MONITORS.items()}}
-    for (c,), own in group_by(record.supervision, "controller"):
-        values = _held(record.ticks, own["tick"], np.column_stack([own["state"], own["fraction"], own["values"]]))
+    for (c,), part in group_by(record.supervision, "controller"):
+        values = _held(record.ticks, part["tick"], np.column_stack([part["state"], part["fraction"], part["values"]]))
         for i, (name, unit) in enumerate(units.items()):
             yield f"supervision.{record.controller_names[c]}.{name}", unit, values[:, i]
 

@@ -21,5 +21,5 @@ def _version(package: str) -> str:
 
 def versions(*more: str) -> dict[str, str]:
     """Versions of a run's software: this package, Python, the kind of processor, `NUMERICAL` and `more` packages."""
-    found = {"facts_damping": __version__, "python": platform.python_version(), "processor": platform.machine()}
-    return found | {package: _version(package) for package in (*NUMERICAL, *more)}
+    known = {"facts_damping": __version__, "python": platform.python_version(), "processor": platform.machine()}
+    return known | {package: _version(package) for package in (*NUMERICAL, *more)}

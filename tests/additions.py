@@ -23,12 +23,12 @@ class Block(NamedTuple):
 
 def blocks(page: str) -> list[Block]:
     """The blocks of a page that name their file."""
-    return [Block(*found) for found in FENCED.findall(page)]
+    return [Block(*match) for match in FENCED.findall(page)]
 
 
-def carry_out(folder: Path, given: Iterable[Block]) -> None:
+def carry_out(folder: Path, fenced: Iterable[Block]) -> None:
     """Write the blocks into their files, as CONTRIBUTING.md says. Raises `ValueError` if one does not fit."""
-    for block in given:
+    for block in fenced:
         path = folder / block.file
         if path.exists() is not bool(block.where):
             raise ValueError(f"{block.file}: {'no such file' if block.where else 'it is there'}")
@@ -43,7 +43,7 @@ def _with(text: str, block: Block) -> str:
         return text + block.text
     how, _, line = block.where.partition(": ")
     lines = text.splitlines(keepends=True)
-    places = [i for i, one in enumerate(lines) if one.strip() == line]
+    places = [i for i, text_line in enumerate(lines) if text_line.strip() == line]
     if how not in ("before", "after", "instead of") or len(places) != 1:
         raise ValueError(f"{block.file}: {block.where}: {len(places)} such lines")
     first = places[0] + (how == "after")

@@ -39,7 +39,7 @@ class Cost(NamedTuple):
 
 def recorded() -> dict[str, Cost]:
     """What is on record, by file."""
-    return {name: Cost(*one) for name, one in yaml.safe_load(RECORD.read_text(encoding="utf-8")).items()}
+    return {name: Cost(*cost) for name, cost in yaml.safe_load(RECORD.read_text(encoding="utf-8")).items()}
 
 
 def _of_running(pid: int) -> float:
@@ -97,7 +97,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     if hasattr(config, "workerinput") or not _spent:
         return
     known = recorded()
-    record = {name: one.seconds for name, one in known.items()}
+    record = {name: cost.seconds for name, cost in known.items()}
     whole = {name: value for name, value in _spent.items() if name not in known or _tests[name] >= known[name].tests}
     total = sum(_spent.values())
     terminalreporter.write_line(f"{total:.0f} s of processor in tests; the dearest files:")
@@ -109,6 +109,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
         terminalreporter.write_line(f"grown by half or more: {name}, {_spent[name]:.1f} s ({text})")
     if os.environ.get("RECORD"):
         now = {name: Cost(round(_spent[name], 1), many) for name, many in _tests.items() if many}  # else all skipped
-        kept = {name: one for name, one in (recorded() | now).items() if (config.rootpath / name).exists()}
-        lines = [f"{name}: [{one.seconds}, {one.tests}]\n" for name, one in sorted(kept.items())]
+        present = {name: cost for name, cost in (recorded() | now).items() if (config.rootpath / name).exists()}
+        lines = [f"{name}: [{cost.seconds}, {cost.tests}]\n" for name, cost in sorted(present.items())]
         RECORD.write_text("".join(lines), encoding="utf-8")

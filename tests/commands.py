@@ -20,7 +20,7 @@ def changes(sets: Iterable[str]) -> list[str]:
 def assert_one_line(status: int, command: Sequence[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     """The command ends with the status, says nothing but one line, and that has these words."""
     assert main(list(command)) == status
-    out, told = capsys.readouterr()
+    out, errors = capsys.readouterr()
     assert out == ""
-    assert said in told
-    assert told.count("\n") == 1
+    assert said in errors
+    assert errors.count("\n") == 1

@@ -41,7 +41,7 @@ _DOMAINS = itertools.cycle(range(1 + int(_PROCESS), 102, int(_PROCESSES)))
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Groups for `pytest -n`: files run side by side, those first that take longest, as far as is on record."""
-    dear = {name: -one.seconds for name, one in recorded().items()}
+    dear = {name: -cost.seconds for name, cost in recorded().items()}
     items.sort(key=lambda item: dear.get(item.path.relative_to(item.config.rootpath).as_posix(), 0.0))
     for item in items:
         if item.get_closest_marker("xdist_group") is None:

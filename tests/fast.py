@@ -41,10 +41,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leave out the files that are not chosen."""
-    kept = config.stash.get(_CHOSEN, None)
-    if kept is None or collection_path.suffix != ".py":
+    chosen_files = config.stash.get(_CHOSEN, None)
+    if chosen_files is None or collection_path.suffix != ".py":
         return None
-    return collection_path.relative_to(config.rootpath).as_posix() not in kept or None
+    return collection_path.relative_to(config.rootpath).as_posix() not in chosen_files or None
 
 
 def changed() -> list[str]:
@@ -60,16 +60,16 @@ def _git(*arguments: str) -> list[str]:
 
 def chosen(files: dict[str, Cost], changed: Collection[str], seconds: float) -> set[str]:
     """Files of tests that fit into the seconds, the nearest to a change first; those that were changed in any case."""
-    found = {name for name in files if name in changed}
-    left = seconds - sum(files[name].seconds for name in found)
+    fitting = {name for name in files if name in changed}
+    left = seconds - sum(files[name].seconds for name in fitting)
     by_worth = sorted(
         files, key=lambda name: (-_nearness(name, changed), files[name].seconds / files[name].tests, name)
     )
     for name in by_worth:
-        if name not in found and files[name].seconds <= left:
-            found.add(name)
+        if name not in fitting and files[name].seconds <= left:
+            fitting.add(name)
             left -= files[name].seconds
-    return found
+    return fitting
 
 
 def _rooms(path: PurePosixPath) -> set[str]:

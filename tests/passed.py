@@ -51,14 +51,14 @@ def key(test: Path, root: Path, contents: Sequence[str], names: Sequence[str]) -
 
 def _matching(root: Path, patterns: Iterable[str]) -> set[Path]:
     """Files that any of the patterns names; what Python leaves behind is none."""
-    found = {path for pattern in patterns for path in root.glob(pattern) if path.is_file()}
-    return {path for path in found if path.suffix != ".pyc"}
+    matching = {path for pattern in patterns for path in root.glob(pattern) if path.is_file()}
+    return {path for path in matching if path.suffix != ".pyc"}
 
 
 @cache
 def _environment() -> str:
     """Python, installed packages, programs."""
-    packages = sorted(f"{one.metadata['Name']} {one.version}" for one in distributions())
+    packages = sorted(f"{distribution.metadata['Name']} {distribution.version}" for distribution in distributions())
     paths = {name: shutil.which(name) for name in PROGRAMS}
     programs = [f"{os.path.realpath(path)} {Path(path).stat().st_size}" for path in paths.values() if path]
     return "\n".join([sys.version, platform.platform(), *packages, *programs])
@@ -72,7 +72,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if item.get_closest_marker("inputs") is not None:
             by_file[item.path].append(item)
     chosen = any(config.getoption(name, None) for name in ("keyword", "markexpr", "deselect", "lf"))
-    parts = chosen or any("::" in one for one in config.args)
+    parts = chosen or any("::" in argument for argument in config.args)
     for path, tests in by_file.items():
         mark = tests[0].get_closest_marker("inputs")
         name = key(path, config.rootpath, **mark.kwargs) if mark else ""
@@ -86,11 +86,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Note what passed, in the process that tells."""
-    found: Any = dict(report.user_properties).get("inputs")
-    if found is not None and report.when == "call" and report.passed:
-        _passed[tuple(found)].add(report.nodeid)
-    elif found is not None and report.failed:
-        _passed[tuple(found)].discard(report.nodeid)
+    inputs_read: Any = dict(report.user_properties).get("inputs")
+    if inputs_read is not None and report.when == "call" and report.passed:
+        _passed[tuple(inputs_read)].add(report.nodeid)
+    elif inputs_read is not None and report.failed:
+        _passed[tuple(inputs_read)].discard(report.nodeid)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

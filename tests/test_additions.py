@@ -135,10 +135,16 @@ def carried(tmp_path_factory: pytest.TempPathFactory) -> Carried:
     carry_out(copy, CORE)
     grid = (ROOT / "config" / "systems" / "two_area.yaml").read_text(encoding="utf-8")
     device = "  - {name: source, kind: current_source, bus: B8W, setpoint_max: 0.5, rate_max: 5}\n"
-    own = re.sub(r"(\ndevices:.*\n)", rf"\1{device}", grid.replace("name: two_area", "name: my_grid", 1), count=1)
-    assert own.count("my_grid") == own.count("current_source") == 1
+    grid_text = re.sub(r"(\ndevices:.*\n)", rf"\1{device}", grid.replace("name: two_area", "name: my_grid", 1), count=1)
+    assert grid_text.count("my_grid") == grid_text.count("current_source") == 1
     step = f"name: step\nduration: 1\nevents: [{EVENT}]\n"
-    texts = {"my_grid.yaml": own, "step.yaml": step, "own.yaml": RUN, "own_study.yaml": STUDY, "own_link.yaml": LINK}
+    texts = {
+        "my_grid.yaml": grid_text,
+        "step.yaml": step,
+        "own.yaml": RUN,
+        "own_study.yaml": STUDY,
+        "own_link.yaml": LINK,
+    }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     (folder / "commands.json").write_text(json.dumps(COMMANDS), encoding="utf-8")
@@ -153,8 +159,8 @@ def carried(tmp_path_factory: pytest.TempPathFactory) -> Carried:
         timeout=1000,
     )
     assert done.returncode == 0, done.stderr[-1000:]
-    told = json.loads((folder / "told.json").read_text())
-    return Carried(folder, copy, {name: Told(*said) for name, said in told.items()})
+    outcomes = json.loads((folder / "told.json").read_text())
+    return Carried(folder, copy, {name: Told(*said) for name, said in outcomes.items()})
 
 
 def test_page_has_a_row_for_every_group_and_a_file_for_every_row() -> None:
@@ -173,8 +179,8 @@ def test_row_of_the_table_leads_to_what_is_there() -> None:
     assert len(rows) == 12
     for _, places, tests, page in rows:
         for tables, file in re.findall(r"((?:`\w+`, )*)`([\w/]+\.py)`", places):
-            found = [top / file for top in (ROOT, ROOT / "facts_damping", ROOT / "extensions")]
-            text = next(path for path in found if path.is_file()).read_text(encoding="utf-8")
+            candidates = [top / file for top in (ROOT, ROOT / "facts_damping", ROOT / "extensions")]
+            text = next(path for path in candidates if path.is_file()).read_text(encoding="utf-8")
             for name in re.findall(r"\w+", tables):
                 assert re.search(rf"^(def )?{name}\b", text, re.MULTILINE), (file, name)
         for name, file in re.findall(r"(?:`([A-Z]\w+)`, )?`([\w/.]+)`", tests):
@@ -184,7 +190,7 @@ def test_row_of_the_table_leads_to_what_is_there() -> None:
         for file, anchor in re.findall(r"\]\((docs/\w+\.md)?#([\w-]+)\)", page):
             text = (ROOT / file).read_text(encoding="utf-8") if file else CONTRIBUTING
             headings = re.findall(r"^## (.*)$", text, re.MULTILINE)
-            assert anchor in [re.sub(r"[^\w ]", "", one).lower().replace(" ", "-") for one in headings], anchor
+            assert anchor in [re.sub(r"[^\w ]", "", heading).lower().replace(" ", "-") for heading in headings], anchor
 
 
 @pytest.mark.parametrize(
@@ -208,10 +214,10 @@ def test_block_that_does_not_fit_is_told(block: Block, said: str | None, tmp_pat
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_commands_take_the_added_parts(carried: Carried, name: str) -> None:
-    told = carried.told[name]
-    assert told.status == 0
+    outcome = carried.told[name]
+    assert outcome.status == 0
     compiles = r"(compiling \d+ numerical kernels, once on this machine: seconds\n)*"  # those that the blocks change
-    assert re.fullmatch(compiles + (SMALL_BUDGET if name == "search" else ""), told.errors)
+    assert re.fullmatch(compiles + (SMALL_BUDGET if name == "search" else ""), outcome.errors)
 
 
 def test_added_controllers_are_listed(carried: Carried) -> None:
@@ -230,8 +236,8 @@ def test_graph_of_nodes_gives_the_figures_of_the_run_in_process(carried: Carried
 
 
 def test_device_moves_and_has_a_state(carried: Carried) -> None:
-    found = carried.json("modes.json")
-    assert any("source.iq" in mode["participation"] for mode in found["modes"])
+    modes = carried.json("modes.json")
+    assert any("source.iq" in mode["participation"] for mode in modes["modes"])
     record = load(carried.folder / "ran" / "recording")
     assert np.ptp(record.devices["setpoint"][:, record.device_names.index("source")]) > 0.0
     assert np.ptp(record.devices["reactive_power"][:, record.device_names.index("source")]) > 0.0
@@ -263,9 +269,9 @@ def test_studies_have_the_index_and_the_controllers(carried: Carried) -> None:
 
 def test_lqg_is_designed_for_the_mean_of_its_links_delay(carried: Carried) -> None:
     """0.02 s and 0.03 s up, 0.05 s down."""
-    found, told, without = (carried.json(f"{name}.json")["indices"] for name in ("lqg", "lqg_1", "lqg_0"))
-    assert found == pytest.approx(told, rel=1e-9)
-    assert found["ITAE"] != pytest.approx(without["ITAE"], rel=1e-3)
+    default, single, without = (carried.json(f"{name}.json")["indices"] for name in ("lqg", "lqg_1", "lqg_0"))
+    assert default == pytest.approx(single, rel=1e-9)
+    assert default["ITAE"] != pytest.approx(without["ITAE"], rel=1e-3)
 
 
 def test_event_acts_and_is_published(carried: Carried) -> None:
@@ -290,7 +296,11 @@ def test_command_is_listed_and_prints_the_largest_setpoints(carried: Carried) ->
 
 def test_node_is_an_executable(carried: Carried) -> None:
     tree = ast.parse((carried.copy / "setup.py").read_text(encoding="utf-8"))
-    values = {ast.unparse(one.targets[0]): one.value for one in tree.body if isinstance(one, ast.Assign)}
+    values = {
+        ast.unparse(statement.targets[0]): statement.value
+        for statement in tree.body
+        if isinstance(statement, ast.Assign)
+    }
     nodes = eval(ast.unparse(values["NODES"]))
     executables = (carried.copy / "facts_damping" / "nodes" / "executables.py").read_text(encoding="utf-8")
     functions = re.findall(r"^(?:def )?([a-z]\w+)(?:\(\) -> None:| = entry_point)", executables, re.MULTILINE)
@@ -304,5 +314,5 @@ def test_node_is_an_executable(carried: Carried) -> None:
 
 def test_tests_of_event_and_node_pass(carried: Carried) -> None:
     """Those that the page adds, and those of the files that it adds them to."""
-    told = carried.told["tests"]
-    assert told.status == 0, told.out[-2000:]
+    outcome = carried.told["tests"]
+    assert outcome.status == 0, outcome.out[-2000:]

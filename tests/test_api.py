@@ -111,9 +111,9 @@ def test_everything_says_what_it_is_in_a_line(tmp_path: Path) -> None:
 def test_recordings_are_results(tmp_path: Path) -> None:
     with opened():
         assert main(["run", "two_area_large", "--set", "duration=1", "--out", str(tmp_path)]) == 0
-    found = fd.load_recording(tmp_path / "recording")
-    assert found.issued.tobytes() == fd.simulate("two_area_large", duration=1).issued.tobytes()
-    assert repr(found) == "<Result two_area-large-LLC-ideal: 60 ticks, 0.983 s>"
+    recording = fd.load_recording(tmp_path / "recording")
+    assert recording.issued.tobytes() == fd.simulate("two_area_large", duration=1).issued.tobytes()
+    assert repr(recording) == "<Result two_area-large-LLC-ideal: 60 ticks, 0.983 s>"
 
 
 def test_stepped_by_hand_it_is_the_same_run_bit_for_bit() -> None:
@@ -181,22 +181,22 @@ STUDY = {
 
 
 def test_sweep_is_a_table(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    found = fd.sweep(STUDY, jobs=1)
-    table = found.to_pandas()
+    swept = fd.sweep(STUDY, jobs=1)
+    table = swept.to_pandas()
     assert capfd.readouterr() == ("", "")
-    assert repr(found) == "<Sweep study: 4 runs>"
-    assert "ITAE" in found._repr_html_()
+    assert repr(swept) == "<Sweep study: 4 runs>"
+    assert "ITAE" in swept._repr_html_()
     row = table[(table["controller"] == "LLC") & (table["seed"] == 2)].iloc[0]
     assert row["ITAE"] == (fd.simulate("two_area_small", duration=4, link="pdci", seed=2).indices or {})["ITAE"]
-    assert all(path.stat().st_size > 1000 for path in found.plot(tmp_path / "pictures"))
+    assert all(path.stat().st_size > 1000 for path in swept.plot(tmp_path / "pictures"))
 
 
 def test_margins_are_a_table_too(tmp_path: Path) -> None:
     margin = {"name": "delay_s", "fields": {"link.up.0.delay": 1}, "low": 0, "high": 1, "coarse": 2, "tolerance": 0.1}
     rows = [{"controllers.0.name": "LLC"}, {"controllers.0.name": "mine", "controllers.0.policy": Gain}]
     study = {"run": "two_area_large", "set": {"duration": 20}, "sweep": [{"rows": rows}], "modes": False}
-    found = fd.sweep({**study, "margin": {**margin, "criteria": ["unstable"]}}, jobs=1, out=tmp_path)
-    table = found.margins_to_pandas()
+    swept = fd.sweep({**study, "margin": {**margin, "criteria": ["unstable"]}}, jobs=1, out=tmp_path)
+    table = swept.margins_to_pandas()
     assert table["controller"].tolist() == ["LLC", "mine"]
     assert (table["margin_s"] > 0.1).all()
     assert (tmp_path / "rows.jsonl").is_file()
@@ -224,16 +224,16 @@ def test_script_with_a_sweep_is_run_once(tmp_path: Path) -> None:
     for name, begin in scripts.items():
         (tmp_path / name).write_text(SCRIPT.format(begin=begin))
     command = [sys.executable, "-c", AS_PROGRAMS, *scripts]
-    told = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert told.stderr == ""
-    bare, guarded = told.stdout.splitlines()
+    completed = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert completed.stderr == ""
+    bare, guarded = completed.stdout.splitlines()
     assert bare.startswith(WITHIN)
     assert guarded == "<Sweep study: 2 runs> None"
 
 
 def test_modes_of_a_system() -> None:
-    found = fd.modes("two_area", ["sssc"])
-    assert f"{found.swings[0].frequency_hz:.4f}" == "0.6297"
+    modal = fd.modes("two_area", ["sssc"])
+    assert f"{modal.swings[0].frequency_hz:.4f}" == "0.6297"
     assert fd.modes("two_area", []).devices == []
     assert fd.linear_plant("two_area", ["sssc"]).ninputs == 1
 
@@ -252,7 +252,7 @@ def test_without_pandas_it_is_said_how_it_is_installed(monkeypatch: pytest.Monke
 
 def test_import_of_the_package_loads_neither_numpy_nor_numba() -> None:
     script = "import sys, facts_damping; print(len([m for m in sys.modules if m.startswith(('numpy', 'numba'))]))"
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert told.stdout == "0\n"
+    completed = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert completed.stdout == "0\n"
     with pytest.raises(AttributeError, match="it has FactsDampingError, InputError"):
         _ = fd.nothing

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 LAST = ("commands", "fields")  # which repeat what others have
-PAGES = {page.stem: page for page in sorted((ROOT / "docs").glob("*.md"), key=lambda one: (one.stem in LAST, one))}
+PAGES = {page.stem: page for page in sorted((ROOT / "docs").glob("*.md"), key=lambda path: (path.stem in LAST, path))}
 PAGES = {"README": ROOT / "README.md", **PAGES}
 PROGRAM = "facts-damping"
 PYTHON = re.compile(r"^```python\n(.*?)^```$(?:\n\n^```text\n(.*?)^```$)?", re.DOTALL | re.MULTILINE)
@@ -74,21 +74,21 @@ def blocks(text: str) -> Iterator[tuple[str, bool]]:
         below = joined[i + 1 :]
         command = line.removeprefix("$ ")
         if command.split(" ", 1)[0] in (PROGRAM, "cd"):
-            yield command, any(one.startswith(f"{PROGRAM}: ") for one in takewhile(str.strip, below))
+            yield command, any(below_line.startswith(f"{PROGRAM}: ") for below_line in takewhile(str.strip, below))
 
 
 def files(page: str) -> dict[str, str]:
     """The YAML of a page by the names of its files; blocks of the tutorial that have none go on with the first."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for block in re.findall(r"^```yaml\n(.*?)^```$", text_of(page), re.MULTILINE | re.DOTALL):
         named = re.match(r"# ([\w/]+\.yaml)\b", block)
-        if named or (page == "tutorial_grid" and found):
-            name = named[1] if named else next(iter(found))
-            found[name] = found.get(name, "") + block
-    return found
+        if named or (page == "tutorial_grid" and texts):
+            name = named[1] if named else next(iter(texts))
+            texts[name] = texts.get(name, "") + block
+    return texts
 
 
-def given(arguments: list[str]) -> int:
+def status_of(arguments: list[str]) -> int:
     """The exit status of a command; help and version end it in their own way."""
     try:
         return main(arguments)
@@ -98,9 +98,12 @@ def given(arguments: list[str]) -> int:
 
 def few_cases() -> dict[str, Any]:
     """One case of each kind for scores, and two controllers to rank."""
-    found: dict[str, Any] = parse((ROOT / "tests" / "data" / "case_set.yaml").read_text(encoding="utf-8"))
-    cases = {case["kind"]: case for case in found["cases"]}
-    return found | {"cases": [*cases.values()], "controllers": {k: found["controllers"][k] for k in ("LLC", "LQG")}}
+    case_set: dict[str, Any] = parse((ROOT / "tests" / "data" / "case_set.yaml").read_text(encoding="utf-8"))
+    cases = {case["kind"]: case for case in case_set["cases"]}
+    return case_set | {
+        "cases": [*cases.values()],
+        "controllers": {k: case_set["controllers"][k] for k in ("LLC", "LQG")},
+    }
 
 
 def text_of(page: str) -> str:
@@ -116,9 +119,9 @@ def shortened(arguments: list[str], page: str) -> list[str]:
     """The same command with less to do."""
     name = arguments[0]
     if name == "sweep":
-        given = parser().parse_args(arguments)
-        sets = [*([f"profile={given.profile}"] if given.profile else []), *given.set]
-        first = sweep.plan(given.study, sets, given.only).points[0].columns
+        namespace = parser().parse_args(arguments)
+        sets = [*([f"profile={namespace.profile}"] if namespace.profile else []), *namespace.set]
+        first = sweep.plan(namespace.study, sets, namespace.only).points[0].columns
         only = [part for column, value in first.items() for part in ("--only", f"{column}={value}")]
         return [*arguments, *only, "--set", "duration=1"]
     return [*arguments, *SHORT.get(name, []), *(LONGER.get(page, []) if name == "run" else [])]
@@ -137,7 +140,7 @@ class Step(NamedTuple):
 
 def steps(page: str, before: set[str]) -> list[Step]:
     """The commands of a page; `before`: what those of earlier pages do, to which theirs is added."""
-    origins, folder, found = files(page), "", []
+    origins, folder, found_steps = files(page), "", []
     for command, fails in blocks(text_of(page)):
         word, *arguments = shlex.split(command, comments=True)
         if word == "cd":
@@ -146,15 +149,15 @@ def steps(page: str, before: set[str]) -> list[Step]:
             continue
         written = {value for option, value in pairwise(arguments) if option in WRITES} - {"-"}
         written |= set(arguments[2:3]) if arguments[0] == "new" else set()
-        does = " ".join([folder, *(one for one in arguments if one not in written)])
+        does = " ".join([folder, *(argument for argument in arguments if argument not in written)])
         read = {name for name in origins if name in does}
         for name, origin in origins.items():  # the same name may be another file on another page
             does = does.replace(name, origin)
         origins |= dict.fromkeys(written, does)
-        found.append((Step(arguments, fails, does not in before), written, read))
+        found_steps.append((Step(arguments, fails, does not in before), written, read))
         before.add(does)
-    wanted, chosen = {name for name in origins if any(name in one for one, _ in python(page))}, []
-    for step, written, read in reversed(found):
+    wanted, chosen = {name for name in origins if any(name in code for code, _ in python(page))}, []
+    for step, written, read in reversed(found_steps):
         runs = step.runs or step.arguments[0] in ("cd", "new") or not written.isdisjoint(wanted)
         runs &= PARSED.keys().isdisjoint(step.arguments)
         wanted |= read if runs else set()
@@ -196,14 +199,14 @@ def test_commands_of_a_page_run_in_their_order(
                 os.chdir(arguments[1])
         elif runs:
             with nullcontext() if page in ON_DDS or arguments[0] not in GRAPHS else opened():
-                status = given(arguments if fails else shortened(arguments, page))
-            told = capsys.readouterr()
-            assert status != 0 if fails else status in (0, DEGRADED), (arguments, told.err)
+                status = status_of(arguments if fails else shortened(arguments, page))
+            captured = capsys.readouterr()
+            assert status != 0 if fails else status in (0, DEGRADED), (arguments, captured.err)
         else:
             parser().parse_args(arguments)
     os.chdir(folder)
     script = folder / "page.py"
-    script.write_text(f"\n\nprint({END[0]!r})\n".join([*(one for one, _ in python(page)), ""]), encoding="utf-8")
+    script.write_text(f"\n\nprint({END[0]!r})\n".join([*(code for code, _ in python(page)), ""]), encoding="utf-8")
     runpy.run_path(str(script), run_name="__main__")
     printed = capsys.readouterr().out.split(END)
     assert all(shown in ("", said) for (_, shown), said in zip(python(page), printed, strict=False)), printed

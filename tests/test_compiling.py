@@ -83,29 +83,29 @@ def replace(part: Any, before: list[NDArray[Any]]) -> None:
 
 @cache
 def expected() -> list[NDArray[Any]]:
-    made = loop.build_loop(load_case(None, SHORT))
-    run_half_ticks(made, 0, 2 * 30)
-    return [made.signals.frames, made.signals.issued, made.measured.plant_state.x]
+    parts = loop.build_loop(load_case(None, SHORT))
+    run_half_ticks(parts, 0, 2 * 30)
+    return [parts.signals.frames, parts.signals.issued, parts.measured.plant_state.x]
 
 
 @given(ticks=st.lists(st.integers(1, 29), unique=True, max_size=4).map(sorted))
 @settings(deadline=None, max_examples=15)
 def test_arrays_may_be_replaced_between_any_two_ticks(ticks: list[int]) -> None:
-    made = deepcopy(loop.build_loop(load_case(None, SHORT)))  # its plant is that of other runs
+    parts = deepcopy(loop.build_loop(load_case(None, SHORT)))  # its plant is that of other runs
     for first, until in zip([0, *ticks], [*ticks, 30], strict=True):
-        run_half_ticks(made, 2 * first, 2 * until)
+        run_half_ticks(parts, 2 * first, 2 * until)
         if until < 30:
             before: list[NDArray[Any]] = []
-            replace(made, before)
+            replace(parts, before)
             for value in before:  # what pointed there would be noticed
                 value.view(np.uint8).reshape(-1)[:] = 0xA5
             del before, value
-            made = Loop(*made)
+            parts = Loop(*parts)
             gc.collect()
-    for found, value in zip(
-        [made.signals.frames, made.signals.issued, made.measured.plant_state.x], expected(), strict=True
+    for array, value in zip(
+        [parts.signals.frames, parts.signals.issued, parts.measured.plant_state.x], expected(), strict=True
     ):
-        assert found.tobytes() == value.tobytes()
+        assert array.tobytes() == value.tobytes()
 
 
 def test_struct_takes_its_types_alone() -> None:
@@ -131,8 +131,8 @@ def test_struct_takes_its_types_alone() -> None:
 def variant(source: str, name: str = "step", **names: Any) -> Any:
     space: dict[str, Any] = {"__name__": "facts_damping.variant", **names}
     exec(source, space)
-    found: FunctionType = space[name]
-    return found
+    function: FunctionType = space[name]
+    return function
 
 
 def inner(a: float) -> float:
@@ -180,10 +180,10 @@ def test_of_an_entry_point_that_is_called_types_count_alone() -> None:
         return y
 
     changed.__qualname__ = called.__qualname__
-    one, two = entry_point(called), entry_point(changed)
-    assert keys._signature(one) == keys._signature(two)
-    assert keys.key(one) != keys.key(two)
-    ENTRY_POINTS.pop(one.symbol)
+    first, two = entry_point(called), entry_point(changed)
+    assert keys._signature(first) == keys._signature(two)
+    assert keys.key(first) != keys.key(two)
+    ENTRY_POINTS.pop(first.symbol)
 
 
 @pytest.mark.parametrize(
@@ -197,12 +197,12 @@ def test_of_an_entry_point_that_is_called_types_count_alone() -> None:
 )
 def test_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]) -> None:
     """Entry points that a function of a module is compiled into."""
-    found = set()
+    symbols = set()
     for symbol, entry in ENTRY_POINTS.items():
         if any(name.startswith(f"{changed}.") for name in keys._walk(entry).functions):
-            found.add(symbol.rpartition(".")[2])
-    assert concerned <= found
-    assert not found & {"run_half_ticks", "control_step", "advance", "measure_with_pmus", "advance_with_pmus"}
+            symbols.add(symbol.rpartition(".")[2])
+    assert concerned <= symbols
+    assert not symbols & {"run_half_ticks", "control_step", "advance", "measure_with_pmus", "advance_with_pmus"}
 
 
 def undefined(code: bytes) -> set[str]:
@@ -210,7 +210,7 @@ def undefined(code: bytes) -> set[str]:
     (sections_at,) = struct.unpack_from("<Q", code, 40)
     size, many = struct.unpack_from("<HH", code, 58)
     headers = [struct.unpack_from("<IIQQQQIIQQ", code, sections_at + i * size) for i in range(many)]
-    found = set()
+    names = set()
     for header in headers:
         if header[1] == 2:  # the table of symbols
             names_at = headers[header[6]][4]
@@ -218,8 +218,8 @@ def undefined(code: bytes) -> set[str]:
                 name, _, _, section = struct.unpack_from("<IBBH", code, at)
                 if section == 0 and name:
                     end = code.index(b"\0", names_at + name)
-                    found.add(code[names_at + name : end].decode())
-    return found
+                    names.add(code[names_at + name : end].decode())
+    return names
 
 
 def test_kernels_call_no_function_whose_bits_a_processor_chooses() -> None:
@@ -233,9 +233,11 @@ def test_kernels_call_no_function_whose_bits_a_processor_chooses() -> None:
 def test_kernels_use_no_negative_index() -> None:
     """Compiled code does not ask whether an index is negative."""
     modules = [module for name, module in sys.modules.items() if name.startswith("facts_damping.")]
-    found = [one for module in modules for one in vars(module).values() if isinstance(one, Kernel | EntryPoint)]
+    kernels = [
+        kernel for module in modules for kernel in vars(module).values() if isinstance(kernel, Kernel | EntryPoint)
+    ]
     sources = [
-        inspect.getsource(one.py_func) for one in found if one.py_func.__name__ != "call"
+        inspect.getsource(kernel.py_func) for kernel in kernels if kernel.py_func.__name__ != "call"
     ]  # written by `branching`
     assert len(sources) > 300
     for source in sources:
@@ -246,17 +248,17 @@ def test_kernels_use_no_negative_index() -> None:
 
 def test_setpoints_go_as_they_are() -> None:
     """An array of the wrong type is refused by the name of the argument."""
-    made = loop.build_loop(load_case(None, SHORT))
+    parts = loop.build_loop(load_case(None, SHORT))
     with pytest.raises(TypeError, match="merge: setpoints: float64, 1 axes given"):
-        merge(made.applied, 0, np.zeros(3), 0)
-    assert merge(made.applied, 0, np.zeros(0, SETPOINT), 0) == 0
+        merge(parts.applied, 0, np.zeros(3), 0)
+    assert merge(parts.applied, 0, np.zeros(0, SETPOINT), 0) == 0
 
 
 def test_globals_that_a_function_loads_are_those_that_dis_names() -> None:
     for entry in ENTRY_POINTS.values():
         code = entry.py_func.__code__
         assert keys.globals_of(code) == {
-            one.argval for one in dis.get_instructions(code) if one.opname == "LOAD_GLOBAL"
+            instruction.argval for instruction in dis.get_instructions(code) if instruction.opname == "LOAD_GLOBAL"
         }
     inner = compile("def f(x):\n    return [abs(y) for y in x if (lambda z: max(z, 1))(y)]", "f", "exec").co_consts[0]
     assert {"abs", "max"} <= keys.globals_of(inner)

@@ -31,7 +31,7 @@ def with_array(result: fd.Result, name: str, array: Any) -> fd.Result:
     return replace(result, **changed)
 
 
-ARRAYS = [one.name for one in fields(fd.Result) if str(one.type).startswith("NDArray")]
+ARRAYS = [field.name for field in fields(fd.Result) if str(field.type).startswith("NDArray")]
 
 
 def test_digest_is_that_of_its_signals(result: fd.Result) -> None:

@@ -165,12 +165,12 @@ def parts(value: Any) -> Sequence[Any]:
     return (value.real, value.imag) if isinstance(value, (complex, np.complexfloating)) else (value,)
 
 
-def error(found: float, exact: Any) -> tuple[float, bool]:
+def error(computed: float, exact: Any) -> tuple[float, bool]:
     """Distance in units of the last place, and whether the exact value is a normal number."""
     if abs(exact) >= mpf(2) ** 1024 * (1 - mpf(2) ** -54):
-        return (0.0 if found == math.copysign(INF, exact) else INF), True
+        return (0.0 if computed == math.copysign(INF, exact) else INF), True
     exponent = max(mpmath.frexp(exact)[1], -1021) if exact else -1021
-    return float(abs(exact - found) * mpf(2) ** (53 - exponent)), exponent > -1021
+    return float(abs(exact - computed) * mpf(2) ** (53 - exponent)), exponent > -1021
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -179,8 +179,8 @@ def test_errors_stay_below_the_bounds_of_the_docstrings(name: str) -> None:
     with mpmath.workprec(160):
         for arguments in case.samples:
             exact = case.exact(*map(mpf, arguments))
-            for found, value in zip(parts(case.function(*arguments)), parts(exact), strict=True):
-                size, normal = error(found, value)
+            for computed, value in zip(parts(case.function(*arguments)), parts(exact), strict=True):
+                size, normal = error(computed, value)
                 assert size < (case.bound if normal else case.subnormal), arguments
 
 
@@ -190,19 +190,19 @@ def test_special_values_are_those_of_c(name: str) -> None:
     for arguments in itertools.product(SPECIAL, repeat=len(case.samples[0])):
         with np.errstate(all="ignore"):
             expected = parts(case.as_in_c(*map(np.float64, arguments)))
-        for found, value in zip(parts(case.function(*arguments)), expected, strict=True):
+        for computed, value in zip(parts(case.function(*arguments)), expected, strict=True):
             if math.isnan(value):
-                assert math.isnan(found), arguments
+                assert math.isnan(computed), arguments
             else:
-                assert found == pytest.approx(float(value), rel=4e-16, abs=MINIMUM), arguments
-                assert math.copysign(1.0, found) == math.copysign(1.0, value), arguments
+                assert computed == pytest.approx(float(value), rel=4e-16, abs=MINIMUM), arguments
+                assert math.copysign(1.0, computed) == math.copysign(1.0, value), arguments
 
 
 @cache
 def interpreted(function: Any) -> Callable[..., Any]:
     """A compiled function as Python runs it, with all that it calls."""
-    given, names = function.py_func.__globals__, function.py_func.__code__.co_names
-    known = {name: given[name] for name in names if name in given}
+    space, names = function.py_func.__globals__, function.py_func.__code__.co_names
+    known = {name: space[name] for name in names if name in space}
     called = {name: interpreted(value) for name, value in known.items() if hasattr(value, "py_func")}
     return FunctionType(function.py_func.__code__, {**known, **called})
 
@@ -218,11 +218,11 @@ def test_python_gives_the_bits_of_compiled_code(name: str) -> None:
     samples = CASES[name].samples
     special = list(itertools.product(SPECIAL, repeat=len(samples[0])))
     for arguments in [*samples[::5], *special]:
-        given = (complex(*arguments),) if name in {"exp_complex", "phase", "magnitude"} else arguments
-        expected = bits(compiled(*given))
+        inputs = (complex(*arguments),) if name in {"exp_complex", "phase", "magnitude"} else arguments
+        expected = bits(compiled(*inputs))
         with np.errstate(all="ignore"):
-            assert bits(interpreted(compiled)(*given)) == expected, arguments
-            assert bits(compiled.py_func(*given)) == expected, arguments
+            assert bits(interpreted(compiled)(*inputs)) == expected, arguments
+            assert bits(compiled.py_func(*inputs)) == expected, arguments
 
 
 def test_bits_are_those_of_every_other_processor() -> None:

@@ -64,11 +64,11 @@ def controller(law: Path) -> str:
 
 def test_robust_designs_margin_is_the_pages_linear_and_in_time(damper: Path) -> None:
     case = load_case("two_area_small", [controller(damper)])
-    found = margin(case, 0.5, 6, lambda _done, _of: None)
-    assert found.margin == pytest.approx(0.3486, abs=2e-4)
-    assert found.margin is not None
-    assert pulse_margin(case, found.margin) == pytest.approx(found.margin, abs=5e-4)
-    assert PAGE.count(f"{1000 * found.margin:.1f} ms") == 2
+    loop_margin = margin(case, 0.5, 6, lambda _done, _of: None)
+    assert loop_margin.margin == pytest.approx(0.3486, abs=2e-4)
+    assert loop_margin.margin is not None
+    assert pulse_margin(case, loop_margin.margin) == pytest.approx(loop_margin.margin, abs=5e-4)
+    assert PAGE.count(f"{1000 * loop_margin.margin:.1f} ms") == 2
 
 
 @pytest.mark.parametrize(("link", "scenario"), [("delay_100ms", "large"), ("plc", "small"), ("plc", "large")])
@@ -77,9 +77,9 @@ def test_robust_damper_damps_behind_delay(damper: Path, tmp_path: Path, link: st
     sets = [f"link={link}", "seed=1", "duration=30", controller(damper)]
     asked = [part for text in sets for part in ("--set", text)]
     assert main(["simulate", f"two_area_{scenario}", *asked, "--json", str(target)]) == 0
-    told = json.loads(target.read_text())
-    assert told["verdict"] == "damped"
-    assert f"{told['indices']['ITAE']:.3g}" in PAGE
+    document = json.loads(target.read_text())
+    assert document["verdict"] == "damped"
+    assert f"{document['indices']['ITAE']:.3g}" in PAGE
 
 
 # Five ways to bring a controller: the same lead-lag on two_area_large over pdci, beside the shipped one.
@@ -92,15 +92,15 @@ def fmu(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def setpoints(*sets: str, **controller: Any) -> NDArray[Any]:
-    given = [f"controllers.0={json.dumps(controller)}"] if controller else []
-    return loop.run(load_case("two_area_large", [*sets, *given])).issued
+    rows = [f"controllers.0={json.dumps(controller)}"] if controller else []
+    return loop.run(load_case("two_area_large", [*sets, *rows])).issued
 
 
 @pytest.mark.parametrize("sets", [["link=pdci", "duration=20"], FRAMES_50], ids=["60 frames/s", "50 frames/s"])
 def test_class_and_fmu_are_the_shipped_lead_lag_bit_for_bit(fmu: str, sets: list[str]) -> None:
     shipped = setpoints(*sets)
-    for own in ({"policy": f"{ROOT / 'examples' / 'lead_lag.py'}:LeadLag"}, {"fmu": fmu}):
-        assert setpoints(*sets, name="mine", **own).tobytes() == shipped.tobytes()
+    for law in ({"policy": f"{ROOT / 'examples' / 'lead_lag.py'}:LeadLag"}, {"fmu": fmu}):
+        assert setpoints(*sets, name="mine", **law).tobytes() == shipped.tobytes()
 
 
 def test_matrices_are_it_within_rounding_where_all_frames_are_as_long() -> None:
@@ -169,14 +169,14 @@ def test_trained_damper_gives_the_same_bits_in_the_environment_and_a_run(trained
     with np.load(trained) as file:
         weights = file["weights"]
     env: Any = gymnasium.make(NAME, link="pdci", duration=5, window=module.WINDOW).unwrapped
-    seen, told = env.reset(seed=3)
+    seen, info = env.reset(seed=3)
     over = False
     while not over:
         seen, _, _, over, _ = env.step(module.action(weights, seen))
     policy = f"{ROOT / 'examples' / 'trained_damper.py'}:TrainedDamper"
     parameters = {"weights": str(trained)}
     theirs = setpoints(
-        "link=pdci", "duration=5", f"seed={told['seed']}", name="x", policy=policy, parameters=parameters
+        "link=pdci", "duration=5", f"seed={info['seed']}", name="x", policy=policy, parameters=parameters
     )
     ours = env.record().issued
     assert len(ours) > 200

@@ -54,12 +54,12 @@ def test_invalid_row_of_an_extension_is_refused_in_one_line(
     try:
         for cache in caches:
             cache.cache_clear()
-        with pytest.raises(InputError) as told:
+        with pytest.raises(InputError) as raised:
             extensions.rows(*TABLES[next(iter(groups))])
     finally:
         for cache in caches:
             cache.cache_clear()
-    assert re.fullmatch(f"entry point {said}", str(told.value))
+    assert re.fullmatch(f"entry point {said}", str(raised.value))
 
 
 def test_two_packages_with_the_same_row_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -68,11 +68,11 @@ def test_seeds_are_a_median_in_a_band() -> None:
     runs = [fd.simulate("two_area_deployment", duration=4, seed=seed) for seed in range(3)]
     figure = runs[0].plot("differences", beside={"seeds": runs})
     axes = figure.axes[-1]
-    own, median = (one for line in axes.lines if len(one := np.asarray(line.get_ydata(), float)) == 240)
+    median_line, median = (curve for line in axes.lines if len(curve := np.asarray(line.get_ydata(), float)) == 240)
     (path,) = axes.collections[0].get_paths()
     band = np.asarray(path.vertices, float)[:, 1]
-    values = np.stack([1e3 * columns(speed_differences(one))[:, -1] for one in runs])
-    assert own == pytest.approx(values[0])
+    values = np.stack([1e3 * columns(speed_differences(run))[:, -1] for run in runs])
+    assert median_line == pytest.approx(values[0])
     assert median == pytest.approx(np.median(values, axis=0))
     assert (band.min(), band.max()) == pytest.approx((values.min(), values.max()))
 
@@ -85,13 +85,13 @@ def test_same_lines_everywhere(capsys: pytest.CaptureFixture[str]) -> None:
     page = result._repr_html_()
     assert all(f"<p>{line.split(':')[0]}" in page for line in lines)
     assert 'src="data:image/png;base64,iVBOR' in page
-    own, other = (
+    summary, other = (
         result.indices or {},
         fd.simulate("two_area_deployment", controllers=[], supervision="off").indices or {},
     )
-    part = 100 * (1 - own["ITAE"] / other["ITAE"])
+    part = 100 * (1 - summary["ITAE"] / other["ITAE"])
     assert lines[1].startswith("damped; damping ratio ")
-    assert lines[2] == f"ITAE {own['ITAE']:.3g}, without control {other['ITAE']:.3g}: {part:.0f} % less"
+    assert lines[2] == f"ITAE {summary['ITAE']:.3g}, without control {other['ITAE']:.3g}: {part:.0f} % less"
     assert lines[3:] == ["supervisor of controller_0_LLC_tuned: armed at 0.50 s"]
 
 
@@ -128,25 +128,25 @@ def test_controller_that_was_never_armed_is_a_warning_wherever_results_are_shown
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """In Python, a command's lines and JSON, its report, the table of runs, and the tables of a sweep."""
-    said, told = "was never armed (nobody armed it): it controlled nothing", tmp_path / "told.json"
+    said, json_path = "was never armed (nobody armed it): it controlled nothing", tmp_path / "told.json"
     record = fd.simulate("two_area_deployment", arm_at=None, duration=3)
     assert said in str(record)
     assert said in record.summary["warnings"][0]
     sets = ["--set", "arm_at=null", "--set", "duration=3"]
-    assert main(["simulate", "two_area_deployment", *sets, "--json", str(told)]) == 0
+    assert main(["simulate", "two_area_deployment", *sets, "--json", str(json_path)]) == 0
     shown = capsys.readouterr().out
     assert said in shown
     assert "never armed, shadow to the end" in shown
-    assert said in json.loads(told.read_text())["warnings"][0]
-    found = build([ReportedRun("it", record, summarise(record))])
-    assert any(said in remark for remark in found.remarks)
+    assert said in json.loads(json_path.read_text())["warnings"][0]
+    report = build([ReportedRun("it", record, summarise(record))])
+    assert any(said in remark for remark in report.remarks)
     study = tmp_path / "study.yaml"
     study.write_text(
         "run: two_area_deployment\nset: {arm_at: null, duration: 3}\nsweep: [{field: link, values: [ideal, fibre]}]\n"
     )
-    assert main(["sweep", str(study), "--jobs", "1", "--out", str(tmp_path / "out"), "--json", str(told)]) == 0
+    assert main(["sweep", str(study), "--jobs", "1", "--out", str(tmp_path / "out"), "--json", str(json_path)]) == 0
     assert "2 with a controller that was never armed" in capsys.readouterr().out
-    assert all(said in row["warnings"] for row in json.loads(told.read_text())["rows"])
+    assert all(said in row["warnings"] for row in json.loads(json_path.read_text())["rows"])
 
 
 def test_findings_tell_a_missing_run_and_a_loss_of_synchronism() -> None:
@@ -157,10 +157,10 @@ def test_findings_tell_a_missing_run_and_a_loss_of_synchronism() -> None:
 
 
 def test_without_an_event_the_noise_is_compared_with_no_control() -> None:
-    found = fd.simulate("two_area_deployment", scenario=[], duration=120, supervision=None, arm_at=None, seed=3)
-    assert found.summary["verdict_of"] == "ambient noise"
+    noise_run = fd.simulate("two_area_deployment", scenario=[], duration=120, supervision=None, arm_at=None, seed=3)
+    assert noise_run.summary["verdict_of"] == "ambient noise"
     words = r"rms of the speed differences in noise \S+, without control \S+: variance \d+ % less"
-    assert re.search(rf"^{words} \(90 % interval: \d+ % less to \d+ % less\)$", str(found), re.MULTILINE)
+    assert re.search(rf"^{words} \(90 % interval: \d+ % less to \d+ % less\)$", str(noise_run), re.MULTILINE)
     short = fd.simulate("two_area_deployment", scenario=[], duration=30, supervision=None, arm_at=None, seed=3)
     assert re.search(rf"^{words} \(no interval: run shorter than a minute\)$", str(short), re.MULTILINE)
 

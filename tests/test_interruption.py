@@ -184,9 +184,9 @@ def test_struck_pool_leaves_no_line_and_nothing_in_memory(number: signal.Signals
         preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # noqa: PLW1509
     ) as popen:
         assert popen.stdout is not None
-        while not (found := [guarded(pid) for pid in children(popen.pid) if is_worker(pid)]):
+        while not (guards := [guarded(pid) for pid in children(popen.pid) if is_worker(pid)]):
             time.sleep(0.01)
-        assert all(found)  # from the start
+        assert all(guards)  # from the start
         assert popen.stdout.readline() == "runs\n"
         assert left_by(popen.pid)
         (os.kill if number == signal.SIGKILL else os.killpg)(popen.pid, number)

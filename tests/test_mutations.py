@@ -62,8 +62,10 @@ def files(kind: str, within: str = "") -> Callable[[], list[str]]:
     """Those that are shipped, but for files that others extend."""
 
     def texts() -> list[str]:
-        own = (path.read_text(encoding="utf-8") for name, path in shipped(kind).items() if name.startswith(within))
-        return [text for text in own if "extends:" not in text]
+        texts_of_kind = (
+            path.read_text(encoding="utf-8") for name, path in shipped(kind).items() if name.startswith(within)
+        )
+        return [text for text in texts_of_kind if "extends:" not in text]
 
     return texts
 
@@ -72,7 +74,7 @@ def simulate(*change: str) -> Callable[[str], list[str]]:
     return lambda file: ["simulate", *(part.replace("FILE", file) for part in change), *SHORT]
 
 
-def own(field: str) -> Callable[[str], list[str]]:
+def law_field(field: str) -> Callable[[str], list[str]]:
     return simulate("--set", f"controllers=[{{name: mine, {field}: 'FILE'}}]")
 
 
@@ -99,11 +101,11 @@ def mat() -> list[bytes]:
 
 
 def fmu() -> list[bytes]:
-    made = io.BytesIO()
-    with zipfile.ZipFile(made, "w") as archive:
+    archive_bytes = io.BytesIO()
+    with zipfile.ZipFile(archive_bytes, "w") as archive:
         archive.writestr("modelDescription.xml", XML)
         archive.writestr("binaries/linux64/law.so", b"\x7fELF")
-    return [made.getvalue()]
+    return [archive_bytes.getvalue()]
 
 
 def database() -> list[bytes]:
@@ -140,12 +142,12 @@ KINDS = {
     "studies": Kind(files("studies"), "yaml", plan(lambda file: sweep.plan(file, []))),
     "campaigns": Kind(files("campaigns"), "yaml", plan(campaign.plan)),
     "weights": Kind(weights, "yaml", simulate("--set", "controllers=[{name: ANFTSC, weights: FILE}]")),
-    "laws": Kind(lambda: [LAW], "yaml", own("linear")),
-    "laws of NumPy": Kind(npz, "npz", own("linear")),
-    "laws of MATLAB": Kind(mat, "mat", own("linear")),
+    "laws": Kind(lambda: [LAW], "yaml", law_field("linear")),
+    "laws of NumPy": Kind(npz, "npz", law_field("linear")),
+    "laws of MATLAB": Kind(mat, "mat", law_field("linear")),
     "traces": Kind(lambda: [TRACE], "csv", simulate("--set", "link={up: [{model: trace, file: FILE}]}")),
-    "FMUs": Kind(fmu, "fmu", own("fmu")),
-    "descriptions of FMUs": Kind(lambda: [XML], "fmu", own("fmu")),
+    "FMUs": Kind(fmu, "fmu", law_field("fmu")),
+    "descriptions of FMUs": Kind(lambda: [XML], "fmu", law_field("fmu")),
     "keys": Kind(lambda: [f"keys: [{{id: 1, key: {'ab' * 32}}}]\n"], "yaml", lambda file: ["new", "key", file]),
     "bags": Kind(database, "db3", lambda file: ["analyze", file]),
     "MATPOWER": Kind(lambda: [(DATA / "nine_bus.m").read_text()], "m", lambda file: ["import", file]),

@@ -92,13 +92,13 @@ def opens(call: ast.Call) -> bool:
     return function.attr != "load" or of in BESIDE["load"]
 
 
-def outside(found: Callable[[ast.Call], bool], allowed: dict[str, str]) -> list[str]:
+def outside(is_opening: Callable[[ast.Call], bool], allowed: dict[str, str]) -> list[str]:
     """Places of calls in files of the package that are not allowed, and allowed files that have none."""
     places, used = [], set()
     files = [(file, file.relative_to(source).as_posix()) for source in SOURCES for file in sorted(source.rglob("*.py"))]
     for file, name in files:
-        room = next((one for one in allowed if name == one or name.startswith(f"{one}/")), None)
-        for call in filter(found, calls(file)):
+        room = next((place for place in allowed if name == place or name.startswith(f"{place}/")), None)
+        for call in filter(is_opening, calls(file)):
             used.add(room)
             if room is None:
                 places.append(f"{name}:{call.lineno}")
@@ -216,11 +216,11 @@ SECRET = "s3cret: of the system's"  # first line of a file that is nobody's to s
 @pytest.fixture
 def secret(tmp_path: Path) -> dict[str, str]:
     """Files that exist, by their kind, and are not to be opened."""
-    made = {"yaml": tmp_path / "secret.yaml", "csv": tmp_path / "secret.csv", "npz": tmp_path / "secret.npz"}
-    for path in made.values():
+    paths = {"yaml": tmp_path / "secret.yaml", "csv": tmp_path / "secret.csv", "npz": tmp_path / "secret.npz"}
+    for path in paths.values():
         path.write_text(SECRET)
     os.mkfifo(tmp_path / "pipe.yaml")
-    return {kind: str(path) for kind, path in made.items()} | {"pipe": str(tmp_path / "pipe.yaml")}
+    return {kind: str(path) for kind, path in paths.items()} | {"pipe": str(tmp_path / "pipe.yaml")}
 
 
 # Where a run's content may name a file, and of which kind.
@@ -265,12 +265,12 @@ def test_change_of_a_run_names_no_file(secret: dict[str, str]) -> None:
 
 
 def test_only_files_named_by_the_user_and_shipped_ones_may_be_opened(tmp_path: Path) -> None:
-    own, other = tmp_path / "own.yaml", tmp_path / "other.yaml"
-    own.write_text("a: 1")
+    named, other = tmp_path / "own.yaml", tmp_path / "other.yaml"
+    named.write_text("a: 1")
     other.write_text("a: 1")
-    assert input_files.read_text(own) == "a: 1"
+    assert input_files.read_text(named) == "a: 1"
     with input_files.naming_no_files("a test"):
-        assert input_files.read_text(own) == "a: 1"
+        assert input_files.read_text(named) == "a: 1"
         assert input_files.read_text(input_files.share_folder() / "config" / "runs" / "two_area_small.yaml")
         for path in (other, input_files.share_folder() / "config" / ".." / "setup.py"):
             with pytest.raises(InputError, match="named by a test"):
@@ -293,7 +293,7 @@ def test_too_many_are_refused_by_their_count(
 @given(st.text())
 def test_text_is_shown_as_characters_that_can_be_seen(text: str) -> None:
     shown = escaped(text)
-    assert all(one.isprintable() or one in "\n\t" for one in shown)
+    assert all(character.isprintable() or character in "\n\t" for character in shown)
     assert shown == text or not text.isprintable()
     assert len(shortened(shown * 100)) <= max(SCREEN, len(text))
     assert "\n" not in one_line(ValueError(text))
@@ -315,10 +315,10 @@ def test_names_steer_no_terminal(
         (["--set", "controllers=[{name: mine, policy: 'own.py:Mine'}]"], r"\x1b[2J\u202eyyy"),
     ):
         assert main(["simulate", *given_]) == 2
-        told = capsys.readouterr().err
-        assert said in told
-        assert told.removesuffix("\n").isprintable()
-        assert len(told) <= SCREEN + 20
+        errors = capsys.readouterr().err
+        assert said in errors
+        assert errors.removesuffix("\n").isprintable()
+        assert len(errors) <= SCREEN + 20
 
 
 OWN = """
@@ -351,9 +351,9 @@ def test_code_of_ones_own_that_fails_is_one_line(
     command = ["simulate", "two_area_deployment", "--set", "controllers=[{name: mine, policy: 'own.py:Damper'}]"]
     assert_one_line(status, command, said, capsys)
     assert main([*command, "--verbose"]) == status
-    told = capsys.readouterr().err
-    assert "Traceback" in told
-    assert said in told.splitlines()[-1]
+    errors = capsys.readouterr().err
+    assert "Traceback" in errors
+    assert said in errors.splitlines()[-1]
 
 
 def test_system_that_is_none_is_refused_with_a_profile(capsys: pytest.CaptureFixture[str]) -> None:
@@ -372,9 +372,9 @@ def test_keys_are_not_quoted(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     for broken in (text.replace(key, f"{key}0"), text.replace("key:", "kay:"), f"{key}: {key}", key):
         file.write_text(broken)
         assert main(["new", "key", str(file)]) == 2
-        told = capsys.readouterr().err
-        assert key[:8] not in told
-        assert told.count("\n") == 1
+        errors = capsys.readouterr().err
+        assert key[:8] not in errors
+        assert errors.count("\n") == 1
 
 
 def test_files_are_opened_by_the_door_alone() -> None:

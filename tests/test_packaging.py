@@ -120,10 +120,10 @@ for point in distribution("facts_damping").entry_points:
     module = getattr(found, "__module__", getattr(found, "__name__", ""))
     print(point.group, point.name, sys.modules[module].__file__)
 """
-    told = run_installed(install, "facts_damping/share/facts_damping/package.bash", code)  # its own paths alone
-    found = [line.split() for line in told.splitlines()]
-    assert sorted(name for group, name, _ in found if group == "console_scripts") == EXECUTABLES
-    assert all(Path(path).is_relative_to(install) for *_, path in found), found
+    output = run_installed(install, "facts_damping/share/facts_damping/package.bash", code)  # its own paths alone
+    rows = [line.split() for line in output.splitlines()]
+    assert sorted(name for group, name, _ in rows if group == "console_scripts") == EXECUTABLES
+    assert all(Path(path).is_relative_to(install) for *_, path in rows), rows
 
 
 def test_messages_load_from_the_install_space(install: Path) -> None:
@@ -161,8 +161,8 @@ commands = next(action.choices for action in parser()._actions if action.choices
 static = Path(cockpit.__file__).with_name("static")
 print(len(commands), len(SENTENCES), len(list(static.iterdir())), Path(cockpit.__file__))
 """
-    told = run_installed(install, "facts_damping/share/facts_damping/package.bash", code).split()
-    assert Path(told[3]).is_relative_to(install)
-    assert int(told[0]) >= 22
-    assert int(told[1]) > 20
-    assert int(told[2]) > 3
+    words = run_installed(install, "facts_damping/share/facts_damping/package.bash", code).split()
+    assert Path(words[3]).is_relative_to(install)
+    assert int(words[0]) >= 22
+    assert int(words[1]) > 20
+    assert int(words[2]) > 3

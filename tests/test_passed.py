@@ -43,7 +43,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def told(*arguments: str) -> str:
+def pytest_summary(*arguments: str) -> str:
     """The last line of a run of the project's tests."""
     program = str(Path(sys.executable).with_name("pytest"))
     command = [program, "-q", "-p", "tests.passed", "-p", "no:cacheprovider", *arguments]
@@ -53,14 +53,14 @@ def told(*arguments: str) -> str:
 
 def test_file_of_tests_is_skipped_when_it_has_passed_as_a_whole(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (project / "src" / "one.txt").write_text("bad", encoding="utf-8")
-    assert told().startswith("1 failed, 1 passed")
-    assert told().startswith("1 failed, 1 passed")  # what failed is not known as passed
+    assert pytest_summary().startswith("1 failed, 1 passed")
+    assert pytest_summary().startswith("1 failed, 1 passed")  # what failed is not known as passed
     (project / "src" / "one.txt").write_text("1", encoding="utf-8")
-    assert told("test_it.py::test_it").startswith("1 passed")  # a part of the file
-    assert told().startswith("2 passed")
-    assert told().startswith("2 skipped")
+    assert pytest_summary("test_it.py::test_it").startswith("1 passed")  # a part of the file
+    assert pytest_summary().startswith("2 passed")
+    assert pytest_summary().startswith("2 skipped")
     monkeypatch.setenv("ALL", "1")
-    assert told().startswith("2 passed")
+    assert pytest_summary().startswith("2 passed")
 
 
 def write(name: str, text: str) -> Callable[[Path], None]:
@@ -122,5 +122,5 @@ def test_folder_is_bounded(project: Path, monkeypatch: pytest.MonkeyPatch) -> No
     folder.mkdir(parents=True)
     for number in range(passed.KEPT + 20):
         (folder / f"{number}").touch()
-    assert told().startswith("2 passed")
+    assert pytest_summary().startswith("2 passed")
     assert len(list(folder.iterdir())) == passed.KEPT

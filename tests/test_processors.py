@@ -93,21 +93,21 @@ def arrays(part: Any, name: str) -> Iterator[tuple[str, bytes]]:
         yield name, part.tobytes()
     elif isinstance(part, tuple):
         names = getattr(part, "_fields", range(len(part)))
-        for field, own in zip(names, part, strict=True):
-            yield from arrays(own, f"{name}.{field}")
+        for field, value in zip(names, part, strict=True):
+            yield from arrays(value, f"{name}.{field}")
     elif isinstance(part, (bool, int, float, complex)):
         yield name, np.asarray(part).tobytes()
 
 
 def starts() -> dict[str, str]:
     """The hash of each array that compiled ticks are given, by its case and place."""
-    found = {}
+    hashes = {}
     for case, (run, sets) in CASES.items():
         path = None if run is None else str(RUNS / f"{run}.yaml")
         loop = build_loop(load_case(path, [*sets, "duration=5"]))
         for place, content in arrays(loop._replace(programs=[]), case):
-            found[place] = hashlib.sha256(content).hexdigest()[:16]
-    return found
+            hashes[place] = hashlib.sha256(content).hexdigest()[:16]
+    return hashes
 
 
 def main() -> None:
@@ -126,9 +126,13 @@ def here() -> dict[str, str]:
 def test_bits_are_those_of_other_processors(name: str, here: dict[str, str]) -> None:
     flag, kernels, environment = PROCESSORS[name]
     chosen = ("OPENBLAS", "GLIBC_TUNABLES", "NPY_")
-    plain = {one: value for one, value in os.environ.items() if not one.startswith(chosen)}
+    plain = {
+        name_of_variable: value
+        for name_of_variable, value in os.environ.items()
+        if not name_of_variable.startswith(chosen)
+    }
     kind = {"OPENBLAS_CORETYPE": name} if flag in FLAGS else {}
-    made = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, "-W", "ignore", "-m", "tests.test_processors"],
         env={**plain, **kind, **environment},
         cwd=table.ROOT,
@@ -136,7 +140,7 @@ def test_bits_are_those_of_other_processors(name: str, here: dict[str, str]) -> 
         text=True,
         check=True,
     )
-    first, *digests, last = made.stdout.splitlines()
+    first, *digests, last = completed.stdout.splitlines()
     assert not kind or first.endswith(f": {kernels}")
     assert digests == [f"{row['digest']} {row['name']}" for row in table.rows()]
     there = json.loads(last)

@@ -47,27 +47,27 @@ def place(generator: np.random.Generator) -> tuple[Any, ...]:
 @pytest.mark.parametrize("seed", [0, 7])
 @pytest.mark.parametrize("name", PAIRS)
 def test_numbers_are_numpys(name: str, seed: int) -> None:
-    own, theirs = np.random.default_rng(seed), np.random.default_rng(seed)
-    found, expected = PAIRS[name][0](own), PAIRS[name][1](theirs)
-    assert found.shape == expected.shape
+    generator, theirs = np.random.default_rng(seed), np.random.default_rng(seed)
+    numbers, expected = PAIRS[name][0](generator), PAIRS[name][1](theirs)
+    assert numbers.shape == expected.shape
     added = 0.1 if name == "normal" else 0.0  # a sum near zero has the round-off of what is added
     few = 200 if "0.05" in name else 4  # ulp; a power of 20 makes more of it
-    assert (np.abs(found - expected) <= few * np.spacing(np.abs(expected) + added)).all()
-    assert place(own) == place(theirs)
+    assert (np.abs(numbers - expected) <= few * np.spacing(np.abs(expected) + added)).all()
+    assert place(generator) == place(theirs)
 
 
 @pytest.mark.parametrize("bound", [1, 2, 576, 3_000_000_000])
 @pytest.mark.parametrize("many", [1, 2, 100_001])
 def test_whole_numbers_are_numpys(bound: int, many: int) -> None:
-    own, theirs = np.random.default_rng(3), np.random.default_rng(3)
-    np.testing.assert_array_equal(random_numbers.integers(own, bound, many), theirs.integers(0, bound, many))
+    generator, theirs = np.random.default_rng(3), np.random.default_rng(3)
+    np.testing.assert_array_equal(random_numbers.integers(generator, bound, many), theirs.integers(0, bound, many))
     if bound > 1:  # of one number NumPy draws none
-        assert place(own) == place(theirs)
+        assert place(generator) == place(theirs)
 
 
 def test_stream_keeps_the_half_that_whole_numbers_leave() -> None:
-    own, theirs = np.random.default_rng(3), np.random.default_rng(3)
+    generator, theirs = np.random.default_rng(3), np.random.default_rng(3)
     theirs.integers(0, 10, 3)
-    own.integers(0, 10, 3)
-    np.testing.assert_allclose(random_numbers.standard_normal(own, 10), theirs.standard_normal(10), rtol=1e-15)
-    assert place(own) == place(theirs)
+    generator.integers(0, 10, 3)
+    np.testing.assert_allclose(random_numbers.standard_normal(generator, 10), theirs.standard_normal(10), rtol=1e-15)
+    assert place(generator) == place(theirs)

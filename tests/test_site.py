@@ -103,8 +103,8 @@ def test_page_loads_nothing_from_other_hosts(site: Path) -> None:
 @cache
 def verbs() -> dict[str, set[str]]:
     """All commands, and the options of each."""
-    (found,) = (action.choices for action in parser()._actions if isinstance(action.choices, dict))
-    return {name: set(one.options()) for name, one in found.items()}
+    (commands,) = (action.choices for action in parser()._actions if isinstance(action.choices, dict))
+    return {name: set(command.options()) for name, command in commands.items()}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

@@ -45,15 +45,17 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def swings(name: str) -> list[Eigenmode]:
     """The two electromechanical modes by frequency."""
     built = build(load_system(name), [], [])
-    found = modes(linearise(built)[0], built.state_names)
-    return sorted((m for m in found if 1 < m.frequency_hz < 3 and m.damping_ratio < 0.1), key=lambda m: m.frequency_hz)
+    eigenmodes = modes(linearise(built)[0], built.state_names)
+    return sorted(
+        (m for m in eigenmodes if 1 < m.frequency_hz < 3 and m.damping_ratio < 0.1), key=lambda m: m.frequency_hz
+    )
 
 
 def test_blocks_are_the_shipped_system(folder: Path) -> None:
     ours, theirs = load_system("nine_bus.yaml"), load_system("wscc_9")
-    one, other = solve(ours), solve(theirs)
-    assert one.names == other.names
-    np.testing.assert_allclose(one.voltage, other.voltage, rtol=0, atol=1e-12)
+    our_flow, other = solve(ours), solve(theirs)
+    assert our_flow.names == other.names
+    np.testing.assert_allclose(our_flow.voltage, other.voltage, rtol=0, atol=1e-12)
     for table in ("buses", "lines", "transformers", "loads", "machines", "exciters", "pmus"):
         assert getattr(ours, table) == getattr(theirs, table)
 

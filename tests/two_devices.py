@@ -11,24 +11,24 @@ BOTH = ["sssc", "statcom"]
 
 def centralised(name: str, scheme: str | None) -> list[str]:
     """The changes to a run that make it one with a single controller."""
-    own: dict[str, object] = {
+    controller: dict[str, object] = {
         "name": name,
         "devices": BOTH,
         "signals": ["speed", "power"][: kind(name).signals],
         "scheme": scheme,
     }
-    return _sets([own])
+    return _sets([controller])
 
 
 def decentralised(name: str, scheme: str | None) -> list[str]:
     """And with one beside each device."""
-    given = {"sssc": ["speed"], "statcom": ["speed", "power"]}
-    return _sets([{"name": name, "devices": [one], "signals": given[one], "scheme": scheme} for one in BOTH])
+    signals = {"sssc": ["speed"], "statcom": ["speed", "power"]}
+    return _sets([{"name": name, "devices": [device], "signals": signals[device], "scheme": scheme} for device in BOTH])
 
 
 def _sets(controllers: list[dict[str, object]]) -> list[str]:
-    kept = [{key: value for key, value in one.items() if value is not None} for one in controllers]
-    return [f"devices={json.dumps(BOTH)}", f"controllers={json.dumps(kept)}"]
+    rows = [{key: value for key, value in row.items() if value is not None} for row in controllers]
+    return [f"devices={json.dumps(BOTH)}", f"controllers={json.dumps(rows)}"]
 
 
 # Devices of two_area of the kinds that it lacks.

@@ -25,15 +25,15 @@ def import_(arguments: argparse.Namespace) -> None:
     if case.suffix.lower() == ".raw":
         if arguments.dynamics is not None:
             raise InputError(f"--dynamics {arguments.dynamics}: given with a RAW file; allowed: with a MATPOWER case")
-        made = psse_conversion.import_case(case, None if arguments.dyr is None else Path(arguments.dyr))
-        content, wider = widened(made.content)
-        made = made._replace(content=content, notes=[*made.notes, *wider])
+        imported = psse_conversion.import_case(case, None if arguments.dyr is None else Path(arguments.dyr))
+        content, wider = widened(imported.content)
+        imported = imported._replace(content=content, notes=[*imported.notes, *wider])
     elif arguments.dyr is not None:
         raise InputError(f"CASE.dyr: {arguments.dyr} given with {case.name}; allowed: with a RAW file")
     else:
-        made = matpower_reading.import_case(case, None if arguments.dynamics is None else Path(arguments.dynamics))
+        imported = matpower_reading.import_case(case, None if arguments.dynamics is None else Path(arguments.dynamics))
     more = arguments.dynamics or arguments.dyr
-    text = document(made, case.name if more is None else f"{case.name} with {Path(more).name}")
-    for line in made.notes:
+    text = document(imported, case.name if more is None else f"{case.name} with {Path(more).name}")
+    for line in imported.notes:
         note(f"facts-damping: {line}")
     write_text(arguments.out or "-", text)

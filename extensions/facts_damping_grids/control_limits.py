@@ -21,19 +21,19 @@ def widened(content: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
 
     Raises `InputError` if that does not help.
     """
-    made, notes = deepcopy(content), list[str]()
+    wider_content, notes = deepcopy(content), list[str]()
     for _ in range(MAXIMUM):
-        found = limit_violations(check(System, made, "import"))
-        if not found:
-            return made, notes
-        for strain in found:
+        violations = limit_violations(check(System, wider_content, "import"))
+        if not violations:
+            return wider_content, notes
+        for strain in violations:
             if strain.field is None:
                 raise InputError(str(strain))
             c = strain.control
             beyond = WIDER * abs(strain.wanted)
             limit = strain.wanted + (beyond if strain.value > strain.high else -beyond)
-            table = made[TABLES[MODELS[c.model].role]]
+            table = wider_content[TABLES[MODELS[c.model].role]]
             row = next(row for row in table if row["machine"] == c.machine)
             notes.append(f"{strain}; {strain.field}: {row[strain.field]:g} is set to {limit:.4g}")
             row[strain.field] = limit
-    raise InputError(str(found[0]))
+    raise InputError(str(violations[0]))

@@ -54,8 +54,8 @@ class Imported(NamedTuple):
 
 def convert(case: MatpowerCase, dynamics: Mapping[str, Any] | None = None) -> Imported:
     """A case as the content of a system's file; dynamics: machine rows by bus or generator, exciters and so on."""
-    given = dict(dynamics or {})
-    for key in given:
+    tables = dict(dynamics or {})
+    for key in tables:
         check_known("--dynamics", key, ("machines", *HEAD, *TABLES))
     notes: list[str] = []
     if case.dc_lines:
@@ -64,7 +64,7 @@ def convert(case: MatpowerCase, dynamics: Mapping[str, Any] | None = None) -> Im
     _check_buses(case, buses)
     demand, units = _units(case, buses, notes)
     lines, transformers, charging = _branches(case, buses, notes)
-    machines, typical = _machines(buses, units, given.get("machines", []), notes)
+    machines, typical = _machines(buses, units, tables.get("machines", []), notes)
     content: dict[str, Any] = {
         "name": system_name(case.name),
         "description": f"{case.name}, imported from MATPOWER",
@@ -84,9 +84,9 @@ def convert(case: MatpowerCase, dynamics: Mapping[str, Any] | None = None) -> Im
         "machines": machines,
         **measured([m["name"] for m in machines]),
     }
-    if "signals" in given or "pmus" in given:
+    if "signals" in tables or "pmus" in tables:
         content |= {"signals": {}, "measures": {}}  # the default ones refer to the default PMUs
-    content |= {key: value for key, value in given.items() if key != "machines"}
+    content |= {key: value for key, value in tables.items() if key != "machines"}
     return Imported(filled(content), typical, notes)
 
 
@@ -123,9 +123,9 @@ def without_data(typical: Sequence[str], machines: int) -> str:
 def joined_to(bus: Any, branches: Iterable[tuple[Any, Any]]) -> set[Any]:
     """The buses connected to a bus by branches, including itself."""
     near: dict[Any, set[Any]] = {bus: set()}
-    for one, other in branches:
-        near.setdefault(one, set()).add(other)
-        near.setdefault(other, set()).add(one)
+    for first, other in branches:
+        near.setdefault(first, set()).add(other)
+        near.setdefault(other, set()).add(first)
     reached, edge = {bus}, {bus}
     while edge:
         edge = set().union(*(near[n] for n in edge)) - reached
@@ -204,13 +204,13 @@ def _branches(case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]) ->
         numbered = (stem if number == 1 else f"{stem}_{number}" for number in count(1))
         name = next(name for name in numbered if name not in names)
         names.add(name)
-        made: dict[str, Any] = {"name": name, "from": f"B{a}", "to": f"B{b}"}
+        branch: dict[str, Any] = {"name": name, "from": f"B{a}", "to": f"B{b}"}
         if line:
-            lines.append(made | {"r": r, "x": x, "b": row["BR_B"]})
+            lines.append(branch | {"r": r, "x": x, "b": row["BR_B"]})
             continue
         tap = row["TAP"] or 1.0
-        made |= {"rating": case.base_power, "r": r, "x": x} | ({"tap": tap} if tap != 1 else {})
-        transformers.append(made | ({"phase_shift": row["SHIFT"]} if row["SHIFT"] else {}))
+        branch |= {"rating": case.base_power, "r": r, "x": x} | ({"tap": tap} if tap != 1 else {})
+        transformers.append(branch | ({"phase_shift": row["SHIFT"]} if row["SHIFT"] else {}))
         if row["BR_B"]:
             half = row["BR_B"] / 2 * case.base_power
             for bus, Q in ((a, half / tap**2), (b, half)):
@@ -221,7 +221,7 @@ def _branches(case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]) ->
 
 def _machines(buses: Mapping[int, Row], units: Units, rows: Any, notes: list[str]) -> tuple[Rows, list[str]]:
     """Machines, one per bus, and the names of those with typical data."""
-    given = _machine_rows(rows, units)
+    dynamic_rows = _machine_rows(rows, units)
     if not units:
         raise InputError("mpc.gen: no generator in service given; allowed: at least one")
     machines, typical = [], []
@@ -237,10 +237,10 @@ def _machines(buses: Mapping[int, Row], units: Units, rows: Any, notes: list[str
             notes.append(f"bus {n} has a generator but is of type 1: its machine holds {V:g} p.u., not {Q:g} Mvar")
         slack = bus["BUS_TYPE"] == REFERENCE
         dispatch = {"slack": True, "angle": bus["VA"]} if slack else {"P": P}
-        data = given.pop(n, None)
+        data = dynamic_rows.pop(n, None)
         name = (data or {}).get("name", f"G{n}")
-        made = {"name": name, "bus": f"B{n}", "rating": rating, "V": V} | dispatch
-        machines.append(made | (TYPICAL if data is None else {k: v for k, v in data.items() if k not in FROM_CASE}))
+        machine = {"name": name, "bus": f"B{n}", "rating": rating, "V": V} | dispatch
+        machines.append(machine | (TYPICAL if data is None else {k: v for k, v in data.items() if k not in FROM_CASE}))
         if data is None:
             typical.append(name)
     if not any("slack" in m for m in machines):
@@ -252,7 +252,7 @@ def _machines(buses: Mapping[int, Row], units: Units, rows: Any, notes: list[str
 
 def _machine_rows(rows: Any, units: Units) -> dict[int, dict[str, Any]]:
     """Machine rows of the file of dynamics by bus number; each row names a `bus` (B30) or a `generator` (its row)."""
-    found: dict[int, dict[str, Any]] = {}
+    rows_by_bus: dict[int, dict[str, Any]] = {}
     by_row = {i: n for n, here in units.items() for i, _ in here}
     by_bus = {f"B{n}": n for n in units}
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
@@ -269,10 +269,10 @@ def _machine_rows(rows: Any, units: Units) -> dict[int, dict[str, Any]]:
         for field in ("P", "V", "slack", "angle"):
             if field in row:
                 raise InputError(f"{where}.{field}: {short(row[field])} given; allowed: none, the case says it")
-        if known[key] in found:
+        if known[key] in rows_by_bus:
             raise InputError(f"{where}: {short(key)} given; allowed: one row for the machine at bus {known[key]}")
-        found[known[key]] = row
-    return found
+        rows_by_bus[known[key]] = row
+    return rows_by_bus
 
 
 def _rating(row: Row) -> float:

@@ -64,9 +64,9 @@ def import_case(path: Path, dynamics: Path | None = None) -> Imported:
     case = read_case(path)
     if dynamics is not None and not is_file(dynamics):
         raise InputError(f"--dynamics {dynamics}: no such file; allowed: an existing YAML file")
-    given = None if dynamics is None else read_table(dynamics)
+    dynamic_rows = None if dynamics is None else read_table(dynamics)
     try:
-        imported = convert(case, given)
+        imported = convert(case, dynamic_rows)
     except InputError as error:
         text = str(error)
         source = dynamics if text.startswith("--dynamics") else path

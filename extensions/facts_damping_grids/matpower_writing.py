@@ -77,11 +77,11 @@ def _tables(system: System) -> dict[str, list[Row]]:
     for one_shunt in system.shunts:
         shunt[numbers[one_shunt.bus] - 1] += complex(one_shunt.P, one_shunt.Q)
     series = [device_section(d, at_rest(d)) for d in system.devices if isinstance(d, Series)]
-    made: list[Row] = []
-    for one in [*branches(system, Topology()), *series]:
-        given, ends = _branch(one, numbers)
-        made.append((given, one.name))
-        for bus_name, y in zip((one.from_bus, one.to_bus), ends, strict=True):
+    branch_rows: list[Row] = []
+    for branch in [*branches(system, Topology()), *series]:
+        branch_row, ends = _branch(branch, numbers)
+        branch_rows.append((branch_row, branch.name))
+        for bus_name, y in zip((branch.from_bus, branch.to_bus), ends, strict=True):
             shunt[numbers[bus_name] - 1] += y * base
     generators, types, generation = _generators(system, flow, numbers)
     demand = generation - flow.injection * base
@@ -89,9 +89,9 @@ def _tables(system: System) -> dict[str, list[Row]]:
     for i, bus in enumerate(system.buses):
         v, d, s = flow.voltage[i], _plain(demand[i], base), _plain(shunt[i], base)
         angle = float(np.rad2deg(np.angle(v)))
-        own = [i + 1, types[i], d.real, d.imag, s.real, s.imag, 1, abs(v), angle, bus.nominal_voltage, 1, 1.1, 0.9]
-        buses.append((own, bus.name))
-    return {"bus": buses, "gen": generators, "branch": made}
+        bus_row = [i + 1, types[i], d.real, d.imag, s.real, s.imag, 1, abs(v), angle, bus.nominal_voltage, 1, 1.1, 0.9]
+        buses.append((bus_row, bus.name))
+    return {"bus": buses, "gen": generators, "branch": branch_rows}
 
 
 def _plain(power: complex, base: float) -> complex:
@@ -112,8 +112,19 @@ def _generators(
         generation[at] += power
         types[at] = REFERENCE if source.name in fixed else max(types[at], PV)
         rating = ratings.get(source.name, max(base, abs(power)))
-        own = [at + 1, power.real, power.imag, rating, -rating, source.V, rating, 1, max(rating, power.real), 0]
-        rows.append((own, source.name))
+        generator_row = [
+            at + 1,
+            power.real,
+            power.imag,
+            rating,
+            -rating,
+            source.V,
+            rating,
+            1,
+            max(rating, power.real),
+            0,
+        ]
+        rows.append((generator_row, source.name))
     return rows, types, generation
 
 

@@ -127,14 +127,14 @@ def _units(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> list[Un
 
 def _step_ups(case: RawCase, units: Sequence[Unit]) -> tuple[list[Row], dict[str, str]]:
     """Step-up transformers contained in generator records, and the bus of each machine behind one."""
-    made, places = list[Row](), dict[str, str]()
+    rows, places = list[Row](), dict[str, str]()
     for unit in units:
         if unit.row["XT"] or unit.row["RT"]:
             places[unit.name] = f"{unit.name}_terminal"
             rating = unit.row["MBASE"] or case.base_power
             ends = {"name": f"T_{unit.name}", "from": f"B{unit.bus}", "to": places[unit.name], "rating": rating}
-            made.append(ends | {"r": unit.row["RT"], "x": unit.row["XT"], "tap": unit.row["GTAP"] or 1.0})
-    return made, places
+            rows.append(ends | {"r": unit.row["RT"], "x": unit.row["XT"], "tap": unit.row["GTAP"] or 1.0})
+    return rows, places
 
 
 def _machines(
@@ -181,9 +181,9 @@ def _machines(
         elif at != f"B{unit.bus}":
             notes.append(f"{unit.name} controls its terminal voltage to {V:g} p.u., not that of bus {unit.bus}")
         dispatch = {"slack": True, "angle": bus["VA"]} if unit is slack else {"P": unit.row["PG"]}
-        made = {"name": unit.name, "bus": at, "area": f"area_{int(bus['AREA'])}"}
-        made |= {"rating": unit.row["MBASE"] or case.base_power, "V": V} | dispatch
-        machines.append(made | data.get(unit.name, matpower_conversion.TYPICAL))
+        machine = {"name": unit.name, "bus": at, "area": f"area_{int(bus['AREA'])}"}
+        machine |= {"rating": unit.row["MBASE"] or case.base_power, "V": V} | dispatch
+        machines.append(machine | data.get(unit.name, matpower_conversion.TYPICAL))
     excited = {row["machine"] for row in controls["exciters"]}
     for row in [row for row in controls["stabilisers"] if row["machine"] not in excited]:
         controls["stabilisers"].remove(row)

@@ -35,17 +35,17 @@ def buses(case: RawCase, notes: list[str]) -> dict[int, Row]:
     return {n: row for n, row in buses.items() if row["IDE"] != ISOLATED}
 
 
-def bus_of(row: Row, buses: Mapping[int, Row]) -> int | None:
+def bus_of(row: Row, bus_rows: Mapping[int, Row]) -> int | None:
     """The bus of a record; None if it is isolated or missing."""
-    return int(row["I"]) if int(row["I"]) in buses else None
+    return int(row["I"]) if int(row["I"]) in bus_rows else None
 
 
-def lines(case: RawCase, buses: Mapping[int, Row]) -> tuple[list[Row], list[Row]]:
+def lines(case: RawCase, bus_rows: Mapping[int, Row]) -> tuple[list[Row], list[Row]]:
     """Lines in service, and the shunts at their ends."""
     lines, shunts, used = list[Row](), list[Row](), set[str]()
     for row in case.tables["branch"]:
         a, b = abs(int(row["I"])), abs(int(row["J"]))
-        if row["ST"] != 1 or a not in buses or b not in buses:
+        if row["ST"] != 1 or a not in bus_rows or b not in bus_rows:
             continue
         if row["X"] == 0.0 or a == b:
             what = f"X = {row['X']:g}" if a != b else f"bus {a} at both ends"
@@ -73,11 +73,11 @@ def _free(stem: str, circuit: str, used: set[str]) -> str:
     return name
 
 
-def loads(case: RawCase, buses: Mapping[int, Row]) -> list[Row]:
+def loads(case: RawCase, bus_rows: Mapping[int, Row]) -> list[Row]:
     """Loads: constant power in the power flow and impedances in the dynamics, as our loads are."""
     loads = []
     for row in case.tables["load"]:
-        n = bus_of(row, buses)
+        n = bus_of(row, bus_rows)
         if n is None or row["STATUS"] != 1:
             continue
         stem = f"load_{n}" if row["ID"] in ("1", "") else f"load_{n}_{row['ID']}"
@@ -91,18 +91,18 @@ def loads(case: RawCase, buses: Mapping[int, Row]) -> list[Row]:
     return loads
 
 
-def shunts(case: RawCase, buses: Mapping[int, Row]) -> list[Row]:
+def shunts(case: RawCase, bus_rows: Mapping[int, Row]) -> list[Row]:
     """Fixed shunts, and switched shunts in their present state."""
-    made = []
+    rows = []
     for section, G, B, on in (("fixed shunt", "GL", "BL", "STATUS"), ("switched shunt", None, "BINIT", "ST")):
         used = set[str]()
         for row in case.tables[section]:
-            n = bus_of(row, buses)
+            n = bus_of(row, bus_rows)
             if n is None or row[on] != 1 or not (row[B] or (G and row[G])):
                 continue
             name = _free(f"{section.split()[0]}_{n}", row.get("ID", "1"), used)
-            made.append({"name": name, "bus": f"B{n}", "Q": row[B], "P": row[G] if G else 0.0})
-    return made
+            rows.append({"name": name, "bus": f"B{n}", "Q": row[B], "P": row[G] if G else 0.0})
+    return rows
 
 
 # Transformers
@@ -116,10 +116,10 @@ class Winding(NamedTuple):
     angle: float
 
 
-def _winding(row: Row, number: int, end: str, buses: Mapping[int, Row]) -> Winding:
+def _winding(row: Row, number: int, end: str, bus_rows: Mapping[int, Row]) -> Winding:
     """A winding of a transformer; CW: 1: p.u. of the bus, 2: kV, 3: p.u. of the winding's nominal voltage."""
     n, value = int(row[end]), row[f"WINDV{number}"]
-    base, nominal = buses[n]["BASKV"] or 1.0, row[f"NOMV{number}"]
+    base, nominal = bus_rows[n]["BASKV"] or 1.0, row[f"NOMV{number}"]
     if row["CW"] == 2:
         value /= base
     elif row["CW"] == 3 and nominal:
@@ -143,14 +143,16 @@ def _impedance(row: Row, number: int, base_power: float) -> complex:
     return complex(r, x) * base_power / rating
 
 
-def transformers(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> tuple[list[Row], list[str], list[Row]]:
+def transformers(
+    case: RawCase, bus_rows: Mapping[int, Row], notes: list[str]
+) -> tuple[list[Row], list[str], list[Row]]:
     """Two-winding transformers, three-winding ones as stars, the buses of the stars, and magnetising shunts."""
-    made, stars, shunts, used = list[Row](), list[str](), list[Row](), set[str]()
+    rows, stars, shunts, used = list[Row](), list[str](), list[Row](), set[str]()
     for row in case.tables["transformer"]:
         ends = [end for end in ("I", "J", "K") if row[end]]
-        if row["STAT"] == 0 or any(int(row[end]) not in buses for end in ends):
+        if row["STAT"] == 0 or any(int(row[end]) not in bus_rows for end in ends):
             continue
-        windings = [_winding(row, i, end, buses) for i, end in enumerate(ends, 1)]
+        windings = [_winding(row, i, end, bus_rows) for i, end in enumerate(ends, 1)]
         name = _free("T" + "_".join(str(int(row[end])) for end in ends), row["CKT"], used)
         for w in windings:
             if not 0.5 < w.ratio < 2.0:
@@ -159,7 +161,7 @@ def transformers(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> t
         if len(ends) == 2:
             first, second = windings
             turn = first.angle - second.angle
-            made.append(_two_windings(name, first, turn, f"B{second.bus}", second.ratio, z[0], row, case))
+            rows.append(_two_windings(name, first, turn, f"B{second.bus}", second.ratio, z[0], row, case))
         else:
             star = f"{name}_star"
             stars.append(star)
@@ -167,9 +169,9 @@ def transformers(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> t
             out = {2: 1, 3: 2, 4: 0}.get(int(row["STAT"]))
             for i, (w, arm) in enumerate(zip(windings, arms, strict=True)):
                 if i != out:
-                    made.append(_two_windings(f"{name}_{i + 1}", w, w.angle, star, 1.0, arm, row, case))
+                    rows.append(_two_windings(f"{name}_{i + 1}", w, w.angle, star, 1.0, arm, row, case))
         shunts += _magnetising(row, windings[0].bus, name, case, notes)
-    return made, stars, shunts
+    return rows, stars, shunts
 
 
 def _two_windings(

@@ -174,25 +174,25 @@ def _ends(line: str) -> bool:
 
 
 def _values(line: str, where: str) -> list[str]:
-    found, rest = list[str](), line
+    fields, rest = list[str](), line
     while True:
         rest = rest.lstrip()
         if not rest or rest[0] == "/":
-            return found
+            return fields
         if rest[0] in "'\"":
             end = rest.find(rest[0], 1)
             if end < 0:
                 raise InputError(f"{where}: {short(rest)} given; allowed: text with a closing quote")
-            found.append(Quoted(rest[1:end].strip()))
+            fields.append(Quoted(rest[1:end].strip()))
             rest = rest[end + 1 :].lstrip()
         else:
             part = re.match(r"[^,/\s'\"]*", rest)
-            found.append(part.group() if part else "")
-            rest = rest[len(found[-1]) :].lstrip()
+            fields.append(part.group() if part else "")
+            rest = rest[len(fields[-1]) :].lstrip()
         if rest[:1] == ",":
             rest = rest[1:]
             if not rest.strip():
-                return found
+                return fields
 
 
 def _row(columns: str, line: str, where: str) -> Row:

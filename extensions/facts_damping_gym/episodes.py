@@ -63,8 +63,8 @@ class Source:
             raise InputError(f"point: {point} given; allowed: 0 to {len(self.points) - 1}")
         if point not in self._cases:
             self._cases[point] = self._made(self.points[point])
-        made = self._cases[point]
-        return replace(made, run=made.run.model_copy(update={"seed": seed}))
+        case = self._cases[point]
+        return replace(case, run=case.run.model_copy(update={"seed": seed}))
 
     def _made(self, changes: dict[str, Any]) -> Case:
         content, values = deepcopy(self._content), {**self._set, **self._fields, **changes}
@@ -73,11 +73,11 @@ class Source:
         rows = content.setdefault("controllers", [Controller().model_dump(include={"devices", "signals"})])
         c, installed = self._controller, content.get("devices", Run.model_fields["devices"].default)
         if not 0 <= c < len(rows) or not installed:
-            given = f"controller: {c} given; " + ("no device is installed" if not installed else f"{len(rows)} there")
-            raise InputError(f"{self._where}: {given}; allowed: a run with a controller of a device")
+            problem = f"controller: {c} given; " + ("no device is installed" if not installed else f"{len(rows)} there")
+            raise InputError(f"{self._where}: {problem}; allowed: a run with a controller of a device")
         content["controllers"] = list(rows)
-        kept = {name: rows[c][name] for name in KEPT if name in rows[c]}
-        content["controllers"][c] = {**kept, "name": AGENT, "external": True}
+        fields = {name: rows[c][name] for name in KEPT if name in rows[c]}
+        content["controllers"][c] = {**fields, "name": AGENT, "external": True}
         return loading.make_case(content, self._where)
 
 
@@ -155,8 +155,8 @@ def weights_of(case: Case) -> NDArray[np.float64]:
     machines = [machine.name for machine in case.system.machines]
     of = {pmu.name: pmu.machine for pmu in case.system.pmus}
     judged = measure_weights(case.system.model_dump(by_alias=True))
-    found = np.zeros((len(judged), len(machines)))
-    for row, weights in zip(found, judged.values(), strict=True):
+    speed_weights = np.zeros((len(judged), len(machines)))
+    for row, weights in zip(speed_weights, judged.values(), strict=True):
         for pmu, weight in weights.items():
             row[machines.index(str(of[pmu]))] += weight
-    return found
+    return speed_weights

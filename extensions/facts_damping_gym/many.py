@@ -96,10 +96,10 @@ def step_many(all_of: Episodes, first: int, stride: int) -> None:
             loop.control.bank_state.unlimited[agent, d] = all_of.setpoints[e, d]
         run_half_ticks(loop, max(0, 2 * tick + 1), 2 * tick + 3)  # second half of this tick, first half of the next
         tick += 1
-        kept, links = loop.signals, loop.links
-        all_of.ticks[e], all_of.time_ns[e] = tick, kept.time_ns[tick]
-        all_of.lost[e] = not kept.in_synchronism[tick]
+        signals, links = loop.signals, loop.links
+        all_of.ticks[e], all_of.time_ns[e] = tick, signals.time_ns[tick]
+        all_of.lost[e] = not signals.in_synchronism[tick]
         eyes, link, end_ns = all_of.eyes[e], links.used[agent], tick_ns(tick + 1, loop.measured.pmus.frame_rate)
         rows = links.up.out[link, : links.up.ring[link, RING_DELIVERED]]
         window, weights, deviations = all_of.windows[e], all_of.weights[e], all_of.deviations[e]
-        observe(eyes, rows, end_ns, window, all_of.scale, weights, kept.machines[tick], deviations)
+        observe(eyes, rows, end_ns, window, all_of.scale, weights, signals.machines[tick], deviations)

@@ -115,5 +115,5 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
         """The record of the episode up to now."""
         if self.episode is None:
             raise gymnasium.error.ResetNeeded("no episode is running: call reset")
-        found: Record = self.episode.record()
-        return found
+        record: Record = self.episode.record()
+        return record

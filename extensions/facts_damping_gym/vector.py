@@ -61,19 +61,19 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Begin all episodes."""
         seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or []
-        for i, one in enumerate(seeds):
-            if one is not None:
-                self._random[i] = np_random(one)[0]
+        for i, episode_seed in enumerate(seeds):
+            if episode_seed is not None:
+                self._random[i] = np_random(episode_seed)[0]
         self._episodes = [self._begin(i, options) for i in range(self.num_envs)]
         self._ended[:] = False
         return self._windows.copy(), {}
 
     def _begin(self, i: int, options: dict[str, Any] | None = None) -> Episode:
-        one, _ = self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])
+        episode, _ = self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])
         self._all = None  # rebuilt from the present episodes
-        self._ticks[i], self._last[i], self._lost[i] = one.tick, one.case.ticks - 1, one.lost
-        self._limits[i], self._weights[i] = one.limits, one.weights
-        return one
+        self._ticks[i], self._last[i], self._lost[i] = episode.tick, episode.case.ticks - 1, episode.lost
+        self._limits[i], self._weights[i] = episode.limits, episode.weights
+        return episode
 
     def step(
         self, actions: NDArray[Any]
@@ -96,10 +96,13 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
     def _go_on(self) -> None:
         """Step all episodes that do not wait, split over the threads, in one compiled call."""
         if self._all is None:
-            tables = Table([one.loop for one in self._episodes]), Table([one.eyes for one in self._episodes])
-            made = self._waits, self._ticks, self._time_ns, self._lost, self._setting.controller, self._setpoints
+            tables = (
+                Table([episode.loop for episode in self._episodes]),
+                Table([episode.eyes for episode in self._episodes]),
+            )
+            states = self._waits, self._ticks, self._time_ns, self._lost, self._setting.controller, self._setpoints
             seen = self._windows, self._setting.scale, self._weights, self._deviations
-            parts: tuple[Any, ...] = (*tables, *made, *seen)
+            parts: tuple[Any, ...] = (*tables, *states, *seen)
             self._all = Episodes(*parts)
         all_of = self._all
         list(self._pool.map(lambda first: step_many(all_of, first, self._threads), range(self._threads)))

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 def each_scale(scale: float | list[float], signals: int) -> NDArray[np.float64]:
     """A scale for each signal, (signals,), p.u. Raises `InputError` for a wrong number of them, or one not above 0."""
-    given = np.atleast_1d(np.array(scale, np.float64))
-    if given.shape not in ((1,), (signals,)):
-        raise InputError(f"scale: {given.size} numbers given; allowed: one, or {signals}, one a signal")
-    if not (given > 0.0).all():
-        raise InputError(f"scale: {given.min():g} given; allowed: more than 0")
-    return np.array(np.broadcast_to(given, (signals,)))
+    scales = np.atleast_1d(np.array(scale, np.float64))
+    if scales.shape not in ((1,), (signals,)):
+        raise InputError(f"scale: {scales.size} numbers given; allowed: one, or {signals}, one a signal")
+    if not (scales > 0.0).all():
+        raise InputError(f"scale: {scales.min():g} given; allowed: more than 0")
+    return np.array(np.broadcast_to(scales, (signals,)))
 
 
 class Window:

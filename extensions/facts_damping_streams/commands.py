@@ -69,16 +69,16 @@ def pmu_listen(arguments: argparse.Namespace) -> None:
     if arguments.run is not None:
         _in_shadow(arguments)
         return
-    given = [name for name in ("set", "out", "supervised") if getattr(arguments, name)]
-    if given:
-        raise InputError(f"--{given[0]}: given without --run; allowed: with --run RUN")
-    found = asyncio.run(listening.listen([server(text) for text in streams.servers], arguments.seconds))
-    write_json(arguments.json, {"servers": [one.result() for one in found]})
-    for one in found:
-        say(arguments, str(one))
-        if one.configuration is not None:
-            say(arguments, *table(listening.TITLES, one.rows(), 4))
-    silent = [one for one in found if one.configuration is None]
+    options = [name for name in ("set", "out", "supervised") if getattr(arguments, name)]
+    if options:
+        raise InputError(f"--{options[0]}: given without --run; allowed: with --run RUN")
+    states = asyncio.run(listening.listen([server(text) for text in streams.servers], arguments.seconds))
+    write_json(arguments.json, {"servers": [state.result() for state in states]})
+    for server_state in states:
+        say(arguments, str(server_state))
+        if server_state.configuration is not None:
+            say(arguments, *table(listening.TITLES, server_state.rows(), 4))
+    silent = [state for state in states if state.configuration is None]
     if silent:
         raise RunError(f"{silent[0]} (within {arguments.seconds:g} s)")
 

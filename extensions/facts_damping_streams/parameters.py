@@ -90,8 +90,8 @@ class Channels(ParameterModel):
 
     @field_validator(*UNITS, mode="before")
     @classmethod
-    def _named(cls, given: Any) -> Any:
-        return {"channel": given} if isinstance(given, str) else given
+    def _named(cls, channel: Any) -> Any:
+        return {"channel": channel} if isinstance(channel, str) else channel
 
     @model_validator(mode="after")
     def _of_its_quantity(self) -> Channels:
@@ -115,19 +115,19 @@ class Streams(ParameterModel):
 
     @field_validator("servers")
     @classmethod
-    def _are_addresses(cls, given: list[str]) -> list[str]:
-        for text in given:
+    def _are_addresses(cls, addresses: list[str]) -> list[str]:
+        for text in addresses:
             server(text)
-        if len(set(given)) < len(given):
+        if len(set(addresses)) < len(addresses):
             raise ValueError("a server given twice; allowed: each once")
-        return given
+        return addresses
 
 
-def read_streams(given: str) -> Streams:
+def read_streams(source: str) -> Streams:
     """Streams from the path of a YAML file, or from one server's address. Raises `InputError`."""
-    if "://" in given or re.fullmatch(r"[\w.-]+:\d+(/\d+)?", given):
-        return check(Streams, {"servers": [given if "://" in given else f"tcp://{given}"]}, "streams")
-    if not given:
+    if "://" in source or re.fullmatch(r"[\w.-]+:\d+(/\d+)?", source):
+        return check(Streams, {"servers": [source if "://" in source else f"tcp://{source}"]}, "streams")
+    if not source:
         raise InputError(f"streams: nothing given; allowed: a YAML file, or {ALLOWED}")
-    path = find("streams", given)
+    path = find("streams", source)
     return check(Streams, read_table(path), str(path))

@@ -55,12 +55,12 @@ def tune(arguments: argparse.Namespace) -> None:
     asked = arguments.budget, arguments.seed, arguments.measurement, arguments.profile, arguments.scenario
     task = study.TuningTask(arguments.system, devices, signals, *asked)
     with Progress("tune", "controllers") as progress:
-        found = study.tune(task, arguments.controllers, arguments.jobs, progress)
-    text = dump(study.document(found))
+        tuned = study.tune(task, arguments.controllers, arguments.jobs, progress)
+    text = dump(study.document(tuned))
     if arguments.out is not None:
         write_whole(Path(arguments.out), text)
-    write_json(arguments.json, found.model_dump())
-    for row in found.controllers:
+    write_json(arguments.json, tuned.model_dump())
+    for row in tuned.controllers:
         say(arguments, f"{row.name:<10} {row.scheme or '':<9} objective {row.objective:g}")
     say(arguments, text if arguments.out is None else f"parameters: {arguments.out}")
 
@@ -73,8 +73,8 @@ def design(arguments: argparse.Namespace) -> None:
     names = ("system", "set", "damping", "delay", "mode", "place", "signal")
     task = study.Task(*(getattr(arguments, name) for name in names))._replace(kinds=arguments.kinds.split(","))
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
-    given = Path(arguments.system)
-    if folder is not None and given.exists() and given.resolve() == (folder / "system.yaml").resolve():
+    system_path = Path(arguments.system)
+    if folder is not None and system_path.exists() and system_path.resolve() == (folder / "system.yaml").resolve():
         raise InputError(f"--out {arguments.out}: given, would overwrite SYSTEM; allowed: another folder")
     shown: list[Progress] = []
 
@@ -85,16 +85,16 @@ def design(arguments: argparse.Namespace) -> None:
         return shown[0]
 
     try:
-        found = study.design(task, arguments.jobs, tell)
+        ranked_design = study.design(task, arguments.jobs, tell)
     finally:
         for progress in shown:
             progress.close()
     written = []
     if folder is not None:
-        written = [*pages.write(found, folder), pages.plot(found, folder / "places.png")]
-        write_json(str(folder / "result.json"), pages.document(found))
-    write_json(arguments.json, pages.document(found))
-    say(arguments, *pages.text(found), *(f"written: {path}" for path in written))
+        written = [*pages.write(ranked_design, folder), pages.plot(ranked_design, folder / "places.png")]
+        write_json(str(folder / "result.json"), pages.document(ranked_design))
+    write_json(arguments.json, pages.document(ranked_design))
+    say(arguments, *pages.text(ranked_design), *(f"written: {path}" for path in written))
 
 
 def search(arguments: argparse.Namespace) -> None:
@@ -114,19 +114,19 @@ def search(arguments: argparse.Namespace) -> None:
     signals = tuple(arguments.signals.split(",")) if arguments.signals else ()
     task = study.SearchTask(**{**asked, "devices": devices, "signals": signals})
     with Progress("search", "structures") as progress:
-        found = study.search(task, arguments.controllers, arguments.jobs, progress)
+        entries = study.search(task, arguments.controllers, arguments.jobs, progress)
     command = task.command(arguments.controllers)
-    opponent = next(entry for entry in found if entry.structure.is_reference)
-    best = next((entry for entry in found if not entry.structure.is_reference), opponent)
+    opponent = next(entry for entry in entries if entry.structure.is_reference)
+    best = next((entry for entry in entries if not entry.structure.is_reference), opponent)
     run = pages.run_file(task, command, best)
     if arguments.out is not None:
         write_whole(Path(arguments.out), run)
     if arguments.lead_lag is not None:
         write_whole(Path(arguments.lead_lag), pages.run_file(task, command, opponent))
     if arguments.tuned is not None:
-        write_whole(Path(arguments.tuned), dump(document(pages.tuned(task, command, found))))
-    write_json(arguments.json, {"command": command, "ranking": pages.rows(found)})
-    say(arguments, *pages.search_table(found), run if arguments.out is None else f"run: {arguments.out}")
+        write_whole(Path(arguments.tuned), dump(document(pages.tuned(task, command, entries))))
+    write_json(arguments.json, {"command": command, "ranking": pages.rows(entries)})
+    say(arguments, *pages.search_table(entries), run if arguments.out is None else f"run: {arguments.out}")
 
 
 def sweep(arguments: argparse.Namespace) -> None:
@@ -140,9 +140,9 @@ def sweep(arguments: argparse.Namespace) -> None:
     _check_report(arguments.report, plan, folder)
     clean_up_first(f"{CONTINUES}: {folder}")
     with Progress(plan.name, "runs") as progress:
-        found = study.run(plan, folder, arguments.jobs, arguments.scheduler, progress)
-    rows, margins = study.rows(found), study.found_margins(plan, found)
-    fractions, across = study.found_fractions(plan, found), study.across(plan)
+        point_states = study.run(plan, folder, arguments.jobs, arguments.scheduler, progress)
+    rows, margins = study.rows(point_states), study.found_margins(plan, point_states)
+    fractions, across = study.found_fractions(plan, point_states), study.across(plan)
     asked = plan.study.tables
     figures = tables.figure_tables(rows, asked) if asked else []
     parts: dict[str, Sequence[SweepRow | MarginRow | FractionRow]] = {
@@ -195,23 +195,23 @@ def campaign(arguments: argparse.Namespace) -> None:
     from facts_damping_studies.campaigns import campaign_pages as pages
     from facts_damping_studies.sweeps import results
 
-    made = study.plan(arguments.campaign, arguments.set, arguments.draws, arguments.graphs)
-    folder = Path(arguments.out) if arguments.out is not None else Path("results") / made.name
+    plan = study.plan(arguments.campaign, arguments.set, arguments.draws, arguments.graphs)
+    folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
     clean_up_first(f"{CONTINUES}: {folder}")
     if arguments.hunt is not None:
-        _hunt(arguments, made, folder)
+        _hunt(arguments, plan, folder)
         return
     with Progress("campaign", "draws") as progress:
-        rows = study.run(made, folder, arguments.jobs, arguments.scheduler, progress)
+        rows = study.run(plan, folder, arguments.jobs, arguments.scheduler, progress)
     graphs: list[DrawRow] = []
-    if made.campaign.graphs:
+    if plan.campaign.graphs:
         from facts_damping_studies.campaigns import graphs as campaign_graphs
 
         with Progress("campaign", "graphs") as progress:
-            graphs = campaign_graphs.graphs(made, folder, arguments.jobs, progress)
-    given = [f"--{name} {value}" for name in ("draws", "graphs") if (value := getattr(arguments, name)) is not None]
+            graphs = campaign_graphs.graphs(plan, folder, arguments.jobs, progress)
+    options = [f"--{name} {value}" for name in ("draws", "graphs") if (value := getattr(arguments, name)) is not None]
     sets = [f"--set {change}" for change in arguments.set]
-    text = pages.page(made, rows, graphs, " ".join(["facts-damping campaign", arguments.campaign, *given, *sets]))
+    text = pages.page(plan, rows, graphs, " ".join(["facts-damping campaign", arguments.campaign, *options, *sets]))
     cells = {"draws": [row.cells for row in rows], "graphs": [row.cells for row in graphs]}
     write_json(arguments.json, cells)
     say(arguments, *pages.overview(rows, graphs))
@@ -228,23 +228,23 @@ def campaign(arguments: argparse.Namespace) -> None:
         raise RunError(f"{len(errors)} draws failed, the first: {errors[0].number}: {errors[0].error}")
 
 
-def _hunt(arguments: argparse.Namespace, campaign: CampaignPlan, folder: Path) -> None:
+def _hunt(arguments: argparse.Namespace, campaign_plan: CampaignPlan, folder: Path) -> None:
     """Search for the worst cases of a campaign; what was found is written after an interrupt, too."""
     from facts_damping_studies.campaigns import hunt, hunt_pages
 
-    given = next((name for name in ("draws", "graphs") if getattr(arguments, name) is not None), None)
-    if given is not None:
-        raise InputError(f"--{given} {getattr(arguments, given)}: given with --hunt; allowed: without it")
+    option = next((name for name in ("draws", "graphs") if getattr(arguments, name) is not None), None)
+    if option is not None:
+        raise InputError(f"--{option} {getattr(arguments, option)}: given with --hunt; allowed: without it")
     with Progress("hunt", "s") as progress:
-        found = hunt.run(campaign, folder, arguments.hunt, arguments.jobs, arguments.scheduler, progress)
+        hunted = hunt.run(campaign_plan, folder, arguments.hunt, arguments.jobs, arguments.scheduler, progress)
     sets = [f"--set {change}" for change in arguments.set]
     command = ["facts-damping campaign", arguments.campaign, f"--hunt {arguments.hunt:g}", *sets]
-    write_json(arguments.json, hunt_pages.document(campaign, found))
-    say(arguments, f"{hunt_pages.counts(found)}.", *hunt_pages.rules_table(hunt_pages.compared(found.rows)))
-    say(arguments, *(f"written: {path}" for path in hunt_pages.write(campaign, found, folder, " ".join(command))))
-    if not found.complete:
+    write_json(arguments.json, hunt_pages.document(campaign_plan, hunted))
+    say(arguments, f"{hunt_pages.counts(hunted)}.", *hunt_pages.rules_table(hunt_pages.compared(hunted.rows)))
+    say(arguments, *(f"written: {path}" for path in hunt_pages.write(campaign_plan, hunted, folder, " ".join(command))))
+    if not hunted.complete:
         raise KeyboardInterrupt
-    errors = [row for row in found.rows if row.error is not None]
+    errors = [row for row in hunted.rows if row.error is not None]
     if errors:
         raise RunError(f"{len(errors)} cases failed, the first: {errors[0].error}")
 
@@ -257,12 +257,12 @@ def score(arguments: argparse.Namespace) -> None:
 
     case_set = card.read_set(arguments.cases)
     against = None if arguments.against is None else arguments.against.split(",")
-    own = candidates(case_set, arguments.controller, against)
+    entrants = candidates(case_set, arguments.controller, against)
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     clean_up_first()
     with Progress("score", "cases") as progress:
-        cards = card.cards_of(case_set, own, arguments.jobs, progress)
-    cards = with_worst(case_set, cards, own, arguments.hunt, arguments.jobs)
+        cards = card.cards_of(case_set, entrants, arguments.jobs, progress)
+    cards = with_worst(case_set, cards, entrants, arguments.hunt, arguments.jobs)
     ranked = card.ranking(cards)
     documents = [each.document() for each in ranked]
     write_json(arguments.json, {"ranking": documents} if arguments.controller is None else cards[0].document())
@@ -270,8 +270,8 @@ def score(arguments: argparse.Namespace) -> None:
         say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
     say(arguments, *pages.ranking_table(ranked))
     if folder is not None:
-        one = arguments.controller is not None
-        paths = pages.write(case_set, cards, folder) if one else pages.write_ranking(ranked, folder)
+        single = arguments.controller is not None
+        paths = pages.write(case_set, cards, folder) if single else pages.write_ranking(ranked, folder)
         say(arguments, *(f"written: {path}" for path in paths))
 
 
@@ -283,12 +283,15 @@ def margin(arguments: argparse.Namespace) -> None:
 
     case, runs, pictures = loading.load_case(arguments.run, arguments.set), None, []
     with Progress("margin", "delays") as progress:
-        found = study.margin(case, arguments.max_delay, arguments.pade, progress)
+        loop_margin = study.margin(case, arguments.max_delay, arguments.pade, progress)
     if arguments.time_domain:
         with Progress("margin", "runs") as progress:
-            runs = beside(found, progress)
+            runs = beside(loop_margin, progress)
     if arguments.out is not None:
         folder = files.new_folder(Path(arguments.out))
-        pictures += [pages.plot(found, runs, folder / "margin.png"), pages.plot_loops(found, folder / "one_line.png")]
-    write_json(arguments.json, pages.document(found, runs))
-    say(arguments, *pages.margin_text(found, runs), *(f"plot: {path}" for path in pictures))
+        pictures += [
+            pages.plot(loop_margin, runs, folder / "margin.png"),
+            pages.plot_loops(loop_margin, folder / "one_line.png"),
+        ]
+    write_json(arguments.json, pages.document(loop_margin, runs))
+    say(arguments, *pages.margin_text(loop_margin, runs), *(f"plot: {path}" for path in pictures))

@@ -59,11 +59,11 @@ def _columns(kind: Any) -> list[Column]:
     if hasattr(kind, "_fields"):
         known: dict[str, tuple[Any, Mapping[str, Any]]] = {name: (MISSING, {}) for name in kind._fields}
     else:
-        known = {one.name: (one.default, one.metadata) for one in fields(kind)}
-        known |= {one.name: ({}, one.metadata) for one in fields(kind) if one.default_factory is dict}
+        known = {field.name: (field.default, field.metadata) for field in fields(kind)}
+        known |= {field.name: ({}, field.metadata) for field in fields(kind) if field.default_factory is dict}
     columns = []
     for name, (default, about) in known.items():
-        part = next((one for one in (hints[name], *get_args(hints[name])) if hasattr(one, "_fields")), None)
+        part = next((hint for hint in (hints[name], *get_args(hints[name])) if hasattr(hint, "_fields")), None)
         entries = get_origin(hints[name]) is dict and "whole" not in about
         columns.append(Column(name, default, part, entries, about.get("prefix", "")))
     return columns
@@ -89,7 +89,9 @@ def _read(kind: Any, cells: Mapping[str, Any], left: list[str], after: Sequence[
         names = [prefix + name for name in column.known]
         if column.entries:
             ends = (
-                left.index(one.known[0]) for one in later if one.known and one.known[0] in left and _has(cells, one)
+                left.index(other.known[0])
+                for other in later
+                if other.known and other.known[0] in left and _has(cells, other)
             )
             end = next(ends, len(left))
             values[column.name] = {name: cells[name] for name in left[:end]}

@@ -113,11 +113,11 @@ def forgeries(case: Case, start_timeout_s: float, fraction: float = 1.0) -> dict
     """
     by = signing(case, start_timeout_s)
     frames = [FRAMES, *(link.topic("pmu/delivered") for link in link_addresses(case))]
-    made: dict[str, Callable[[int], bytes]] = {
+    forgers: dict[str, Callable[[int], bytes]] = {
         topic: partial(_setpoints, case, SetpointsMessage(case, seal=seal(by, topic)), sender, of, fraction)
         for topic, (sender, of) in setpoint_topics(case).items()
     }
-    return made | {topic: partial(_frames, case, FramesMessage(case, seal(by, topic))) for topic in frames}
+    return forgers | {topic: partial(_frames, case, FramesMessage(case, seal(by, topic))) for topic in frames}
 
 
 def _setpoints(

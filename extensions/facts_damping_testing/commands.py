@@ -35,12 +35,12 @@ def _one(arguments: argparse.Namespace) -> None:
     from facts_damping_testing.storm import drawing, model, rules, running
 
     clean_up_first()
-    one = drawing.draw(arguments.seed) if arguments.storm is None else model.read(Path(arguments.storm))
+    drawn_storm = drawing.draw(arguments.seed) if arguments.storm is None else model.read(Path(arguments.storm))
     with TemporaryDirectory() if arguments.out is None else nullcontext(arguments.out) as folder:
-        trace = running.run(one, new_folder(Path(folder)))
+        trace = running.run(drawn_storm, new_folder(Path(folder)))
         broken = rules.violations(trace)
-    say(arguments, one.text(), *_told(trace))
-    write_json(arguments.json, {"storm": one.model_dump(), "reason": trace.reason, "broken": broken})
+    say(arguments, drawn_storm.text(), *_told(trace))
+    write_json(arguments.json, {"storm": drawn_storm.model_dump(), "reason": trace.reason, "broken": broken})
     if broken:
         raise RunError("; ".join(f"{rule}: {text}" for rule, text in broken))
     say(arguments, f"all {len(rules.RULES)} rules hold")
@@ -48,7 +48,7 @@ def _one(arguments: argparse.Namespace) -> None:
 
 def _told(trace: Trace) -> list[str]:
     """The timeline: events, logs of the nodes, how they ended."""
-    rows = [(one.world_s, f"! {one.text} (tick {one.tick})") for one in trace.timeline]
+    rows = [(done.world_s, f"! {done.text} (tick {done.tick})") for done in trace.timeline]
     rows += [(1e-9 * at, f"{name}: {text}") for at, name, _, text in trace.logs]
     ends = [f"{node.name}: {'killed' if node.killed else node.status} {node.errors.strip()}" for node in trace.nodes]
     end = f"the graph ended after {trace.world_s:.1f} s: {trace.reason or 'as planned'}"
@@ -61,33 +61,33 @@ def _many(arguments: argparse.Namespace) -> None:
     clean_up_first()
     with Progress("storm", "seconds") as progress:
         began, whole = time.monotonic(), round(60 * arguments.minutes)
-        told: set[str] = set()
+        reported: set[str] = set()
 
         def tell(findings: Findings) -> None:
-            for mark in findings.broken.keys() - told:
+            for mark in findings.broken.keys() - reported:
                 note(f"found: {mark}")
-                told.add(mark)
+                reported.add(mark)
             progress(min(int(time.monotonic() - began), whole), whole)
 
-        found = search.search(arguments.minutes, arguments.seed, arguments.jobs, tell)
+        all_findings = search.search(arguments.minutes, arguments.seed, arguments.jobs, tell)
     folder = new_folder(Path(arguments.out or "results/storms"))
-    clean_up_first(f"kept in {folder}: {len(found.broken)} storms that broke a rule")
-    say(arguments, *_summary(found, (time.monotonic() - began) / 60.0))
+    clean_up_first(f"kept in {folder}: {len(all_findings.broken)} storms that broke a rule")
+    say(arguments, *_summary(all_findings, (time.monotonic() - began) / 60.0))
     files = []
-    for number, (mark, storms) in enumerate(sorted(found.broken.items(), key=lambda row: -len(row[1]))):
-        one, text = min(storms, key=lambda row: len(row[0].events))
+    for number, (mark, storms) in enumerate(sorted(all_findings.broken.items(), key=lambda row: -len(row[1]))):
+        smallest, text = min(storms, key=lambda row: len(row[0].events))
         path = folder / f"storm-{number}.yaml"
-        write_whole(path, f"# {text}\n{one.text()}")
+        write_whole(path, f"# {text}\n{smallest.text()}")
         say(arguments, f"{len(storms)} storms: {mark}", f"  {path}")
         files.append({"file": str(path), "rule": mark, "storms": len(storms), "text": text})
-        if found.complete:
-            write_whole(path, f"# {text}\n{search.shrunk(one, mark).text()}")
-    totals: dict[str, Any] = {name: getattr(found, name) for name in ("storms", "world_s", "plant_s", "kinds")}
-    write_json(arguments.json, totals | {"reached": len(found.reached), "broken": files})
-    if not found.complete:
+        if all_findings.complete:
+            write_whole(path, f"# {text}\n{search.shrunk(smallest, mark).text()}")
+    totals: dict[str, Any] = {name: getattr(all_findings, name) for name in ("storms", "world_s", "plant_s", "kinds")}
+    write_json(arguments.json, totals | {"reached": len(all_findings.reached), "broken": files})
+    if not all_findings.complete:
         raise KeyboardInterrupt
-    if found.broken:
-        raise RunError(f"{len(found.broken)} kinds of violations: {folder}")
+    if all_findings.broken:
+        raise RunError(f"{len(all_findings.broken)} kinds of violations: {folder}")
 
 
 def _summary(findings: Findings, minutes: float) -> list[str]:

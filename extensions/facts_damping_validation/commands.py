@@ -33,8 +33,8 @@ def validate(arguments: argparse.Namespace) -> None:
         write_whole(path, report.page(tables))
         if path.is_file() and path.suffix != ".csv":
             write_whole(path.with_suffix(".csv"), table.as_csv(tables))
-    say(arguments, *(line for made in tables for line in [*table.table_text(made), ""]))
-    failed = [row.what for made in tables for row in made.rows if not row.passed]
+    say(arguments, *(line for validated in tables for line in [*table.table_text(validated), ""]))
+    failed = [row.what for validated in tables for row in validated.rows if not row.passed]
     if failed:
         raise RunError(f"validate: {len(failed)} rows fail: {'; '.join(failed)}")
-    say(arguments, f"{sum(len(made.rows) for made in tables)} rows pass")
+    say(arguments, f"{sum(len(validated.rows) for validated in tables)} rows pass")

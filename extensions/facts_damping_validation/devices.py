@@ -89,11 +89,11 @@ def balance() -> ValidationTable:
         system = load_system("two_area")
         lossy = [device.model_copy(update={"g": g}) for device in system.devices]  # in the DC links
         system = place(system.model_copy(update={"devices": lossy}))
-        found = follow(system, list(SETPOINTS), times, setpoints=SETPOINTS, dc_voltage=UNCHARGED).devices
+        truths = follow(system, list(SETPOINTS), times, setpoints=SETPOINTS, dc_voltage=UNCHARGED).devices
         for d, name in enumerate(SETPOINTS):
             device = next(row.model_dump() for row in system.devices if row.name == name)
             R, L, tau = device.get("rs", device.get("R")), device.get("L", 0.0), device["tau"]
-            truth = found[:, d]
+            truth = truths[:, d]
             lost = R * truth["current"] ** 2 + g * truth["dc_voltage"] ** 2
             received = simpson(-truth["active_power"] - lost, x=times)
             stored = tau * truth["dc_voltage"] ** 2 / 2 + L / (4 * np.pi * system.frequency) * truth["current"] ** 2
@@ -210,9 +210,9 @@ def actuators() -> ValidationTable:
         ours = float(frames[0, 0, list(CHANNELS).index("active_power")])
         expected = np.sin(np.deg2rad(ANGLE)) / (X - 0.1 - u)
         rows.append(compare(f"TCSC, {u:+g} p.u.: power of its line", "p.u.", ours, float(expected), 1e-4, ".5f"))
-    own = load_system("kundur_12_6_thyristor")
+    base = load_system("kundur_12_6_thyristor")
     added = {"name": "input", "kind": "exciter_input", "machine": "G1", "rate_max": 1000.0}
-    system = System.model_validate({**own.model_dump(by_alias=True), "devices": [added]})
+    system = System.model_validate({**base.model_dump(by_alias=True), "devices": [added]})
     efd = follow(system, ["input"], [0.0, 1e-4], setpoints={"input": 0.01}).machines["field_voltage"][:, 0]
     gain = next(e.KA for e in system.exciters if e.machine == "G1")
     rows.append(

@@ -119,13 +119,13 @@ def closed_loops() -> ValidationTable:
     alike, shipped, rows = _response(_like_pstess(case)), _response(_linear(case)), []
     for gain, delay in LOOPS:
         for hertz, name in LOW.items():
-            found = [
+            ratios = [
                 _damping_ratio(response, hertz, gain, delay)
                 for response in (theirs, lambda x: alike(x)[0], lambda x: shipped(x)[0])
             ]
             what = f"{name}, {gain:g} MW/mHz, {delay:g} s"
-            rows.append(compare(f"{what}, exciters supplied as in PSTess", "-", found[1], found[0], 0.002))
-            rows.append(compare(f"{what}, as shipped", "-", found[2], found[0], 0.003))
+            rows.append(compare(f"{what}, exciters supplied as in PSTess", "-", ratios[1], ratios[0], 0.002))
+            rows.append(compare(f"{what}, as shipped", "-", ratios[2], ratios[0], 0.003))
     return ValidationTable("Closed loops of minniwecc", SOURCE_TEXT, "facts-damping margin minniwecc", rows)
 
 
@@ -237,8 +237,8 @@ def _supplied(case: _Case, g: int, h: float) -> Plant:
     emf_q, emf_d = m["C"][:, : m["circuits"]] @ circuits
     voltage = built.flow.voltage[built.flow.names.index(case.system.machines[g].bus)] * np.exp(1j * (np.pi / 2 - delta))
     along = (voltage * np.conj(complex(emf_d, emf_q))).real / abs(voltage) ** 2
-    own = rows[control["exciter_first"] : control["exciter_end"]]
-    own["p"][own["kind"] == SOURCE] *= 1.0 - h * along
+    blocks = rows[control["exciter_first"] : control["exciter_end"]]
+    blocks["p"][blocks["kind"] == SOURCE] *= 1.0 - h * along
     return built.plant._replace(blocks=rows)
 
 

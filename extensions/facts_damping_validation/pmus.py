@@ -80,10 +80,10 @@ def reported(name: str, signal: Signal, seconds: float) -> Reported:
             else:
                 take_sample(state, phasors)
     there = stamps[:, 0] != NEVER
-    kept = frames[there, 0]
-    phasor = kept[:, VM] * np.exp(1j * kept[:, VA])
+    entries = frames[there, 0]
+    phasor = entries[:, VM] * np.exp(1j * entries[:, VA])
     latency = float(np.flatnonzero(there)[0]) / RATE
-    return Reported(stamps[there, 0] / NANOSECONDS, phasor, kept[:, FREQUENCY], kept[:, ROCOF], latency)
+    return Reported(stamps[there, 0] / NANOSECONDS, phasor, entries[:, FREQUENCY], entries[:, ROCOF], latency)
 
 
 def _worst(
@@ -99,12 +99,12 @@ def _worst(
     """
     listed = list(signals)
     lengths = seconds if not isinstance(seconds, float) else [seconds] * len(listed)
-    found = []
+    errors = []
     for signal, right, length in zip(listed, true or listed, lengths, strict=True):
         frames = reported(name, signal, length)
-        kept = (frames.time >= since) & (frames.time <= length)
-        found.append([float(error[kept].max()) for error in _differences(frames, right)])
-    return np.asarray(np.max(found, axis=0))
+        inside = (frames.time >= since) & (frames.time <= length)
+        errors.append([float(error[inside].max()) for error in _differences(frames, right)])
+    return np.asarray(np.max(errors, axis=0))
 
 
 def _within(text: str, errors: NDArray[np.float64], tve: float, fe: float, rfe: float) -> list[Row]:
@@ -146,17 +146,17 @@ def _disturbed(deviation: float, other: float) -> Signal:
     return signal
 
 
-def _differences(reported: Reported, signal: Signal) -> tuple[NDArray[np.float64], ...]:
+def _differences(measured: Reported, signal: Signal) -> tuple[NDArray[np.float64], ...]:
     """The three errors of every frame; true frequencies by differences of the angle over 2 h."""
     h = 1e-4  # s
-    turns = np.array([[signal(t + d)[1] for d in (-h, 0.0, h)] for t in reported.time]) / TWICE_PI
-    true = np.array([size * np.exp(1j * angle) for size, angle in map(signal, reported.time.tolist())])
+    turns = np.array([[signal(t + d)[1] for d in (-h, 0.0, h)] for t in measured.time]) / TWICE_PI
+    true = np.array([size * np.exp(1j * angle) for size, angle in map(signal, measured.time.tolist())])
     frequency = NOMINAL + (turns[:, 2] - turns[:, 0]) / (2 * h)
     rate = (turns[:, 2] - 2 * turns[:, 1] + turns[:, 0]) / h**2
     return (
-        np.abs(reported.phasor - true) / np.abs(true),
-        np.abs(reported.frequency - frequency),
-        np.abs(reported.rocof - rate),
+        np.abs(measured.phasor - true) / np.abs(true),
+        np.abs(measured.frequency - frequency),
+        np.abs(measured.rocof - rate),
     )
 
 
@@ -194,10 +194,10 @@ def _steps(name: str, limits: Limits) -> list[Row]:
         for shift in range(SHIFTS):
             at = STEP_AT + shift / SHIFTS / RATE
             signal = _stepped(at, size, angle)
-            found = reported(name, signal, 2.0)
-            tve = _differences(found, signal)[0]
-            moved = np.abs(found.phasor) - 1.0 if size else np.angle(found.phasor)
-            columns = found.time - at, tve, moved / (size or angle), found.frequency - NOMINAL, found.rocof
+            frames = reported(name, signal, 2.0)
+            tve = _differences(frames, signal)[0]
+            moved = np.abs(frames.phasor) - 1.0 if size else np.angle(frames.phasor)
+            columns = frames.time - at, tve, moved / (size or angle), frames.frequency - NOMINAL, frames.rocof
             for part, column in zip(parts, columns, strict=True):
                 part.append(column)
         t, tve, moved, fe, rfe = (np.concatenate(part) for part in parts)

@@ -232,12 +232,12 @@ def ringdown() -> ValidationTable:
         sets = [f"system={system}", f"devices={json.dumps(devices)}", "controllers=[]", "duration=20"]
         pulse = [{**event, "time": 1.0, "change": 0.02}, {**event, "time": 1.1, "change": 0.0}]
         record = loop.run(load_case(None, [*sets, f"scenario={json.dumps(pulse)}"]))
-        found = ringdown_modes(record.time_s, columns(speed_differences(record)), 1.1)[0]
-        mode = _nearest(load_system(system), devices, found.frequency_hz)
+        mode_of_ringdown = ringdown_modes(record.time_s, columns(speed_differences(record)), 1.1)[0]
+        mode = _nearest(load_system(system), devices, mode_of_ringdown.frequency_hz)
         name = f"{system} with {', '.join(devices)}"
         tolerance = 0.01 * mode.frequency_hz
-        rows.append(compare(f"{name}: frequency", "Hz", found.frequency_hz, mode.frequency_hz, tolerance))
-        rows.append(compare(f"{name}: damping ratio", "-", found.damping_ratio, mode.damping_ratio, 0.003))
+        rows.append(compare(f"{name}: frequency", "Hz", mode_of_ringdown.frequency_hz, mode.frequency_hz, tolerance))
+        rows.append(compare(f"{name}: damping ratio", "-", mode_of_ringdown.damping_ratio, mode.damping_ratio, 0.003))
     return ValidationTable("Ringdown against the linear model", "the linearised plant", "", rows)
 
 
@@ -251,12 +251,15 @@ def ambient() -> ValidationTable:
         if fit is None or not fit.modes:
             rows.append(within(f"{system}: a mode", "-", np.nan, 0.0))
             continue
-        found = fit.modes[0]
-        mode = _nearest(case.system, [], found.frequency_hz)
-        frequency_tolerance, ratio_tolerance = COVERED * found.frequency_error_hz, COVERED * found.damping_ratio_error
+        strongest = fit.modes[0]
+        mode = _nearest(case.system, [], strongest.frequency_hz)
+        frequency_tolerance, ratio_tolerance = (
+            COVERED * strongest.frequency_error_hz,
+            COVERED * strongest.damping_ratio_error,
+        )
         rows += [
-            compare(f"{system}: frequency", "Hz", found.frequency_hz, mode.frequency_hz, frequency_tolerance),
-            compare(f"{system}: damping ratio", "-", found.damping_ratio, mode.damping_ratio, ratio_tolerance),
+            compare(f"{system}: frequency", "Hz", strongest.frequency_hz, mode.frequency_hz, frequency_tolerance),
+            compare(f"{system}: damping ratio", "-", strongest.damping_ratio, mode.damping_ratio, ratio_tolerance),
         ]
     source = "the linearised plant; the tolerance is half the 95 % interval of the fit"
     command = "facts-damping simulate two_area_ambient --set system=wscc_9 --set devices=[] --set controllers=[]"

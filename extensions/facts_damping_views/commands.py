@@ -67,9 +67,9 @@ def _replay(arguments: argparse.Namespace) -> None:
     from facts_damping_views.cockpit.application import Cockpit
 
     if arguments.set or arguments.supervised is not None:
-        given = f"--set {arguments.set[0]}" if arguments.set else "--supervised"
-        raise InputError(f"{given}: given with a recording; allowed: with a run")
-    paths = [one for one in (arguments.what, arguments.other) if one is not None]
+        problem = f"--set {arguments.set[0]}" if arguments.set else "--supervised"
+        raise InputError(f"{problem}: given with a recording; allowed: with a run")
+    paths = [recording for recording in (arguments.what, arguments.other) if recording is not None]
     records = []
     with Progress("read", "recordings") as progress:
         for i, path in enumerate(paths):
@@ -102,9 +102,9 @@ def content(paths: list[str], records: list[Record]) -> Content:
     panels, data, events = [], {}, {}
     for path, name, record in zip(paths, labels, records, strict=True):
         case = loading.recorded_case(record.configuration, path)
-        made = layout.panel(case, name)
-        panels.append(made.shown)
-        data[name] = samples.of_record(case, made, record).astype("<f4").tobytes()
+        panel = layout.panel(case, name)
+        panels.append(panel.shown)
+        data[name] = samples.of_record(case, panel, record).astype("<f4").tobytes()
         events[name] = words.of_record(record)
     end = max(float(record.time_s[-1]) for record in records)
     shown: dict[str, Any] = {"type": "layout", "title": ", ".join(labels), "mode": "replay", "panels": panels}

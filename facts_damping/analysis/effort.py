@@ -42,9 +42,9 @@ def saturation_duty(record: Record, since: float = 0.0, until: float = np.inf) -
     Only for devices whose limit is in the configuration (`setpoint_limits`).
     """
     limits, t = setpoint_limits(record.configuration), record.time_s
-    kept = (t >= since) & (t <= until)
+    inside = (t >= since) & (t <= until)
     return {
-        name: float(np.mean(np.abs(record.devices["setpoint"][kept, i]) >= limits[name] * (1 - 1e-9)))
+        name: float(np.mean(np.abs(record.devices["setpoint"][inside, i]) >= limits[name] * (1 - 1e-9)))
         for i, name in enumerate(record.device_names)
         if name in limits
     }

@@ -44,11 +44,11 @@ def learning_rate_histories(record: Record) -> dict[tuple[str, bool, int, int], 
     groups have the same rate there is a single history, of group 0. Source: (4.39), (5.20) on.
     """
     keys = ("controller", "identifier", "output", "group")
-    found = {
+    rates = {
         (_controller(record, c), bool(identifier), output, group): _history(record, rows, "rate")
         for (c, identifier, output, group), rows in group_by(record.learning, *keys)
     }
-    return {key: one for key, one in found.items() if not key[3] or not _alike(one, found.get((*key[:3], 0)))}
+    return {key: rate for key, rate in rates.items() if not key[3] or not _alike(rate, rates.get((*key[:3], 0)))}
 
 
 def _history(record: Record, rows: NDArray[Any], field: str) -> History:

@@ -91,9 +91,9 @@ def _integrands(
     time_s: NDArray[np.float64], deviations: NDArray[np.float64], since: float
 ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
     """Times from `since` on, and the integrands of the indices."""
-    kept = time_s >= since
-    t = time_s[kept] - since
-    magnitude = np.abs(np.reshape(deviations, (len(time_s), -1))[kept])
+    inside = time_s >= since
+    t = time_s[inside] - since
+    magnitude = np.abs(np.reshape(deviations, (len(time_s), -1))[inside])
     return t, {name: t**r * np.sum(magnitude**s, axis=1) for name, (r, s, _) in INDICES.items()}
 
 

@@ -67,19 +67,19 @@ def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limite
     counts as well if the noise in it grows, as after a change that is no event.
     """
     ticks = len(swings.judged)
-    t, own = swings.time_s[:ticks], swings.own[:ticks]
-    found = None if swings.response is None else judge(t, swings.response, swings.last, swings.names, ringdown)
-    if found is None or limited or found.verdict == UNDECIDED:
-        itself = judge(t, own, swings.last, swings.names)
-        if itself.verdict in (GROWING, LIMIT_CYCLE) and (limited or found is None or not _decays(ringdown())):
+    t, swing = swings.time_s[:ticks], swings.own[:ticks]
+    judgement = None if swings.response is None else judge(t, swings.response, swings.last, swings.names, ringdown)
+    if judgement is None or limited or judgement.verdict == UNDECIDED:
+        itself = judge(t, swing, swings.last, swings.names)
+        if itself.verdict in (GROWING, LIMIT_CYCLE) and (limited or judgement is None or not _decays(ringdown())):
             return Judged(itself, RUN)
-    if found is None or limited:
+    if judgement is None or limited:
         return Judged(itself._replace(verdict=UNDECIDED, because=AT_LIMITS if limited else LOST_TWIN), RUN)
-    if _is_open(found, swings) and _decays(ringdown()):
-        found = found._replace(verdict=DAMPED, because="the modes of its response are damped")
-    if found.verdict == DAMPED and (grows := _noise_grows(swings)) is not None:
+    if _is_open(judgement, swings) and _decays(ringdown()):
+        judgement = judgement._replace(verdict=DAMPED, because="the modes of its response are damped")
+    if judgement.verdict == DAMPED and (grows := _noise_grows(swings)) is not None:
         return Judged(grows, RUN)
-    return Judged(found, RESPONSE)
+    return Judged(judgement, RESPONSE)
 
 
 def _is_open(judgement: Judgement, swings: Swings) -> bool:
@@ -103,8 +103,8 @@ def _noise_grows(swings: Swings) -> Judgement | None:
     usual = np.median(sizes[: len(sizes) // 2], axis=0).max()
     if sizes[points > points[-1] - END].max() <= GROWN * usual:
         return None
-    found = judge(t, swings.noise, swings.last, swings.names)
-    return None if found.verdict == DAMPED else found._replace(verdict=GROWING, because="the noise in it grows")
+    judgement = judge(t, swings.noise, swings.last, swings.names)
+    return None if judgement.verdict == DAMPED else judgement._replace(verdict=GROWING, because="the noise in it grows")
 
 
 def _decays(fit: Fit | None) -> bool:

@@ -89,10 +89,10 @@ def statistics(values: NDArray[np.float64]) -> Statistics:
 
 def alike(values: Mapping[str, Value]) -> dict[Value, list[str]]:
     """Group names by equal values."""
-    found: dict[Value, list[str]] = {}
+    groups: dict[Value, list[str]] = {}
     for name, value in values.items():
-        found.setdefault(value, []).append(name)
-    return found
+        groups.setdefault(value, []).append(name)
+    return groups
 
 
 def cdf(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

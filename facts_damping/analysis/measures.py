@@ -30,25 +30,25 @@ def speed_differences(record: Record) -> dict[str, NDArray[np.float64]]:
     weights = measure_weights(record.configuration)
     if not weights:
         raise InputError("measures: none given; allowed: speed differences, or PMUs at machines")
-    speeds, found = pmu_speeds(record), {}
+    speeds, differences = pmu_speeds(record), {}
     for name, parts in weights.items():
-        found[name] = np.zeros(len(record.time_ns))
+        differences[name] = np.zeros(len(record.time_ns))
         for pmu, weight in parts.items():
             if pmu not in record.pmus:
                 raise InputError(f"measures.{name}: no PMU {pmu!r}; allowed: {', '.join(record.pmus)}")
-            found[name] += float(weight) * speeds[:, record.pmus.index(pmu)]
-    return found
+            differences[name] += float(weight) * speeds[:, record.pmus.index(pmu)]
+    return differences
 
 
 def pmu_speeds(record: Record) -> NDArray[np.float64]:
     """Speed at each PMU, (ticks, PMUs), p.u.: the true one of its machine, else as reported; NaN: unknown."""
-    found: NDArray[np.float64] = record.frames[:, :, SPEED].copy()
+    speed: NDArray[np.float64] = record.frames[:, :, SPEED].copy()
     machines = {s.get("name"): s.get("machine") for s in inline_system(record.configuration).get("pmus") or ()}
     for i, pmu in enumerate(record.pmus):
         if machines.get(pmu) in record.machine_names:
             true = record.machines["speed_deviation"][:, record.machine_names.index(str(machines[pmu]))]
-            found[:, i] = np.where(np.isfinite(true), true, found[:, i])
-    return found
+            speed[:, i] = np.where(np.isfinite(true), true, speed[:, i])
+    return speed
 
 
 def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, float]]:
@@ -60,11 +60,11 @@ def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, 
     """
     source = configuration if "measures" in configuration else inline_system(configuration) or configuration
     signals = source.get("signals") or {}
-    found: dict[str, Mapping[str, float]] = {}
+    weights: dict[str, Mapping[str, float]] = {}
     for group in (source.get("measures") or {}).values():
         named = group if isinstance(group, dict) else {name: signals[name]["weights"] for name in group}
-        found.update(named)
-    return found or _against_the_first(source)
+        weights.update(named)
+    return weights or _against_the_first(source)
 
 
 def _against_the_first(system: Mapping[str, Any]) -> dict[str, Mapping[str, float]]:
@@ -78,7 +78,7 @@ def _against_the_first(system: Mapping[str, Any]) -> dict[str, Mapping[str, floa
 def setpoint_limits(configuration: Mapping[str, Any]) -> dict[str, float]:
     """Largest setpoint of each device, p.u., from an inline system: {device: `setpoint_max`}."""
     devices = inline_system(configuration).get("devices") or []
-    return {one["name"]: float(one["setpoint_max"]) for one in devices if "setpoint_max" in one}
+    return {device["name"]: float(device["setpoint_max"]) for device in devices if "setpoint_max" in device}
 
 
 def inline_system(configuration: Mapping[str, Any]) -> Mapping[str, Any]:

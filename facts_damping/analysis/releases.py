@@ -34,7 +34,7 @@ class WatchdogActions(NamedTuple):
 
 def releases(record: Record) -> list[Release]:
     """Releases by time."""
-    found = []
+    release_rows = []
     silent = timeout(record)
     for d, device in enumerate(record.device_names):
         released = record.devices["released"][:, d] == 1.0
@@ -42,20 +42,20 @@ def releases(record: Record) -> list[Release]:
         for first, after in zip(edges[::2], edges[1::2], strict=True):
             again = float(record.time_s[after]) if after < len(released) else None
             start = float(record.time_s[first])
-            found.append(Release(device, start, again, silent))
-    return sorted(found, key=lambda release: release.time_s)
+            release_rows.append(Release(device, start, again, silent))
+    return sorted(release_rows, key=lambda release: release.time_s)
 
 
 def refused_setpoints(record: Record) -> dict[str, dict[str, int]]:
     """Number of setpoints that each device's watchdog refused, by cause; devices without any are left out."""
-    found = {}
+    refused = {}
     for d, device in enumerate(record.device_names):
         columns = {field.removeprefix("refused_"): record.devices[field][:, d] for field in REFUSED}
         known = {cause: column[np.isfinite(column)] for cause, column in columns.items()}
         counts = {cause: int(column[-1]) if len(column) else 0 for cause, column in known.items()}
         if any(counts.values()):
-            found[device] = counts
-    return found
+            refused[device] = counts
+    return refused
 
 
 def timeout(record: Record) -> float:

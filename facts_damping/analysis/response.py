@@ -64,10 +64,10 @@ class Swings(NamedTuple):
     @property
     def indices(self) -> dict[str, float] | None:
         """Performance indices of the response; None without one, or if the twin's own trip is in it."""
-        found = self.response
-        if found is None or self.kind == OUTAGE:
+        response = self.response
+        if response is None or self.kind == OUTAGE:
             return None
-        return performance_indices(self.time_s[: len(found)], found)
+        return performance_indices(self.time_s[: len(response)], response)
 
 
 def swings_of(
@@ -86,10 +86,10 @@ def swings_of(
         return plain
     other = columns(speed_differences(twin.record))
     ticks = min(len(whole), len(other))
-    own, other = whole[:ticks], other[:ticks]
+    swing, other = whole[:ticks], other[:ticks]
     if twin.kind == PULSED:
-        return plain._replace(pulse=other - own)
-    response, noise = ((own + other) / 2.0, (own - other) / 2.0) if twin.kind == MIRROR else (own - other, other)
+        return plain._replace(pulse=other - swing)
+    response, noise = ((swing + other) / 2.0, (swing - other) / 2.0) if twin.kind == MIRROR else (swing - other, other)
     ringing = until_faded(record.time_s[:ticks], response, plain.last)
     return plain._replace(response=response, noise=noise, ringing=ringing, kind=twin.kind)
 

@@ -146,24 +146,24 @@ def _when(record: Record, beyond: NDArray[np.bool_]) -> str:
 
 def _in_service(record: Record) -> NDArray[np.bool_]:
     """Whether each machine is connected, (ticks, machines)."""
-    found = np.ones(record.machines.shape, np.bool_)
+    in_service = np.ones(record.machines.shape, np.bool_)
     for event in record.events:
         if event.kind == "generator_trip" and event.element in record.machine_names:
-            found[record.time_ns >= event.time_ns, record.machine_names.index(event.element)] = False
-    return found
+            in_service[record.time_ns >= event.time_ns, record.machine_names.index(event.element)] = False
+    return in_service
 
 
 def _burning(record: Record) -> NDArray[np.bool_]:
     """Whether a fault is present, (ticks,)."""
-    found = np.zeros(len(record.time_ns), np.bool_)
+    fault_present = np.zeros(len(record.time_ns), np.bool_)
     burning: set[str] = set()
     for event in sorted(record.events, key=lambda event: event.time_ns):
         if event.kind == "fault":
             burning.add(event.element)
         elif event.kind == "clear":
             burning.discard(event.element)
-        found[record.time_ns >= event.time_ns] = bool(burning)
-    return found
+        fault_present[record.time_ns >= event.time_ns] = bool(burning)
+    return fault_present
 
 
 def controller_warnings(

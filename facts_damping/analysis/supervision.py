@@ -104,28 +104,28 @@ def supervised(record: Record) -> dict[str, NDArray[Any]]:
 
 def limits(record: Record) -> dict[str, float]:
     """Limit of each monitor in the run, in its unit; inf: not watched."""
-    return {name: one.limit for name, one in watches(_given(record)).items()}
+    return {name: watch.limit for name, watch in watches(_given(record)).items()}
 
 
-def on_ticks(record: Record, rows: NDArray[Any], values: NDArray[Any]) -> NDArray[np.float64]:
+def on_ticks(record: Record, statuses: NDArray[Any], values: NDArray[Any]) -> NDArray[np.float64]:
     """Values of a supervisor's rows on the grid of the record's ticks; NaN where there is no row."""
-    found = np.full(len(record.time_ns), np.nan)
-    place, inside = np.searchsorted(record.ticks, rows["tick"]), np.isin(rows["tick"], record.ticks)
-    found[place[inside]] = values[inside]
-    return found
+    gridded = np.full(len(record.time_ns), np.nan)
+    place, inside = np.searchsorted(record.ticks, statuses["tick"]), np.isin(statuses["tick"], record.ticks)
+    gridded[place[inside]] = values[inside]
+    return gridded
 
 
-def strained(record: Record, rows: NDArray[Any], minimum: float) -> dict[str, NDArray[np.float64]]:
+def strained(record: Record, statuses: NDArray[Any], minimum: float) -> dict[str, NDArray[np.float64]]:
     """Monitors relative to their limits, (ticks,), 1 at the limit; only those that once exceeded `minimum`.
 
     Monitors that are not watched are left out; with a limit of zero, the value itself is given.
     """
-    found = {}
-    for (name, limit), values in zip(limits(record).items(), rows["values"].T, strict=True):
-        beside = on_ticks(record, rows, values) / (limit or 1.0)
+    relative = {}
+    for (name, limit), values in zip(limits(record).items(), statuses["values"].T, strict=True):
+        beside = on_ticks(record, statuses, values) / (limit or 1.0)
         if math.isfinite(limit) and np.any(beside > minimum):
-            found[name] = beside
-    return found
+            relative[name] = beside
+    return relative
 
 
 def _given(record: Record) -> Supervision:
@@ -155,34 +155,34 @@ def supervision(record: Record, mode_hz: float | None = None) -> list[Supervisor
     return histories
 
 
-def _changes(record: Record, rows: NDArray[Any]) -> Iterator[StateChange]:
+def _changes(record: Record, statuses: NDArray[Any]) -> Iterator[StateChange]:
     """Changes of state, and the times at which a supervisor fell silent for longer than the devices' timeout.
 
     The initial state is shadow.
     """
     longest = timeout(record) * record.frame_rate
-    ends = np.append(rows["tick"] + 1, record.ticks[-1] + 1)  # ticks at which each silence begins
-    silent = np.append(rows["tick"], record.ticks[-1] + 1)[1:] - ends[:-1] > longest
-    changed = np.diff(rows["state"], prepend=SHADOW) != 0
+    ends = np.append(statuses["tick"] + 1, record.ticks[-1] + 1)  # ticks at which each silence begins
+    silent = np.append(statuses["tick"], record.ticks[-1] + 1)[1:] - ends[:-1] > longest
+    changed = np.diff(statuses["state"], prepend=SHADOW) != 0
     changed[1:] |= silent[:-1]
     for i in np.flatnonzero(changed | silent):
-        cause = int(rows["cause"][i])
+        cause = int(statuses["cause"][i])
         if changed[i]:
-            bound = _bound(record, rows[i], cause)
+            bound = _bound(record, statuses[i], cause)
             yield StateChange(
-                STATES[rows["state"][i]], _time_s(record, rows["tick"][i]), cause_name(cause), *(bound or ())
+                STATES[statuses["state"][i]], _time_s(record, statuses["tick"][i]), cause_name(cause), *(bound or ())
             )
         if silent[i]:
             yield StateChange(SILENT, _time_s(record, ends[i]), "")
 
 
-def _refusals(record: Record, rows: NDArray[Any]) -> Iterator[Refusal]:
+def _refusals(record: Record, statuses: NDArray[Any]) -> Iterator[Refusal]:
     """Causes for refusing to arm; values are of the tick before, on which the decision was based."""
-    for i in np.flatnonzero(np.diff(rows["refused"], prepend=NO_CAUSE)):
-        cause = int(rows["refused"][i])
+    for i in np.flatnonzero(np.diff(statuses["refused"], prepend=NO_CAUSE)):
+        cause = int(statuses["refused"][i])
         if cause != NO_CAUSE:
-            bound = _bound(record, rows[max(i - 1, 0)], cause)
-            yield Refusal(_time_s(record, rows["tick"][i]), cause_name(cause), *(bound or ()))
+            bound = _bound(record, statuses[max(i - 1, 0)], cause)
+            yield Refusal(_time_s(record, statuses["tick"][i]), cause_name(cause), *(bound or ()))
 
 
 def _time_s(record: Record, tick: int) -> float:
@@ -198,23 +198,23 @@ def _bound(record: Record, row: Any, cause: int) -> Bound | None:
     gain, phase = float(row["probe_gain"]), abs(math.degrees(float(row["probe_phase"])))
     if cause >= 0:
         name = _NAMES[cause]
-        found = Bound(float(row["values"][cause]), limits(record)[name], MONITORS[name].unit)
+        bound = Bound(float(row["values"][cause]), limits(record)[name], MONITORS[name].unit)
     elif cause == PROBE_WEAK:
-        found = Bound(float(row["probe_coherence"]), probe.coherence, "-")
+        bound = Bound(float(row["probe_coherence"]), probe.coherence, "-")
     elif cause == PROBE_GAIN:
         below = gain < 1.0
-        found = Bound(gain, 1.0 / probe.gain if below else probe.gain, "-")
+        bound = Bound(gain, 1.0 / probe.gain if below else probe.gain, "-")
     elif cause == PROBE_PHASE:
-        found = Bound(phase, probe.phase, "deg")
+        bound = Bound(phase, probe.phase, "deg")
     else:
         return None
-    beyond = found.value < found.limit if below else found.value > found.limit
-    return found if beyond and math.isfinite(found.value) else None
+    beyond = bound.value < bound.limit if below else bound.value > bound.limit
+    return bound if beyond and math.isfinite(bound.value) else None
 
 
-def _probe(rows: NDArray[Any], mode_hz: float | None) -> Probe | None:
+def _probe(statuses: NDArray[Any], mode_hz: float | None) -> Probe | None:
     """The newest known probe, of the device whose response is known least."""
-    known = rows[np.isfinite(rows["probe_gain"])]
+    known = statuses[np.isfinite(statuses["probe_gain"])]
     if not len(known):
         return None
     row, margin = known[-1], math.degrees(float(known[-1]["phase_margin"]))

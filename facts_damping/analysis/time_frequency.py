@@ -153,20 +153,20 @@ def analyse(
     even_s, even, filled = _evenly(time_s, x)
     rate = (len(even_s) - 1) / (even_s[-1] - even_s[0])
     _check_asked(lag, time, band, rate)
-    kept, q = _decimated(even - even.mean(), rate, band[1])
+    decimated, q = _decimated(even - even.mean(), rate, band[1])
     rate /= q
-    if len(kept) < FEWEST:
-        raise InputError(f"{len(kept) / rate:.3g} s given; allowed: at least {FEWEST / rate:.3g} s for this band")
-    kept = _without_trend(kept, rate, band[0])
-    z = analytic(kept)
+    if len(decimated) < FEWEST:
+        raise InputError(f"{len(decimated) / rate:.3g} s given; allowed: at least {FEWEST / rate:.3g} s for this band")
+    detrended = _without_trend(decimated, rate, band[0])
+    z = analytic(detrended)
     maximum = (len(z) - 1) // 2
     h = None if lag == inf else _hann(lag / 2, rate, maximum)
     g = _hann(time, rate, len(z))
     hop = max(1, min(len(z) // COLUMNS, len(g) // OVERLAP))
     bins = max(BINS, 2 * maximum + 1 if h is None else len(h))
-    made = spwvd(z, rate, h, g, hop, fft.next_fast_len(bins, real=True))
+    distribution = spwvd(z, rate, h, g, hop, fft.next_fast_len(bins, real=True))
     at = even_s[0] + np.arange(len(z)) / rate
-    return Analysed(at, kept, z, made._replace(time_s=at[::hop]), filled)
+    return Analysed(at, detrended, z, distribution._replace(time_s=at[::hop]), filled)
 
 
 def analytic(x: NDArray[np.float64]) -> NDArray[np.complex128]:

@@ -96,8 +96,8 @@ def judge(
     within such a factor and the interval allows at most a factor of 7. Otherwise it is `undecided`, as is noise without
     an oscillation. `fitted`: returns the waves that `fit_ringdown` finds in the signals, if already available.
     """
-    kept = time_s >= min(since, time_s[-1])
-    t, x = time_s[kept], np.reshape(signals, (len(time_s), -1))[kept]
+    inside = time_s >= min(since, time_s[-1])
+    t, x = time_s[inside], np.reshape(signals, (len(time_s), -1))[inside]
     begin = float(t[0])
     if not np.isfinite(x).all():
         return Judgement(UNDECIDED, "a value is not finite", None, begin, 0.0)
@@ -115,8 +115,8 @@ def judge(
         _Part(name, points + begin + SKIP, sizes[:, i], rest[:, i], dt, floor)
         for i, name in enumerate(names or map(str, range(x.shape[1])))
     ]
-    found = [_signal(part, i, waves) for i, part in enumerate(parts)]
-    return min(found, key=lambda one: (ORDER.index(one.verdict), -one.growth.high if one.growth else np.inf))
+    judged = [_signal(part, i, waves) for i, part in enumerate(parts)]
+    return min(judged, key=lambda j: (ORDER.index(j.verdict), -j.growth.high if j.growth else np.inf))
 
 
 def envelopes(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -155,11 +155,11 @@ def _signal(part: _Part, i: int, waves: Callable[[], Fit | None]) -> Judgement:
     if by_waves is not None and not _close(fit, float(points[-1] - points[0]) + HANN):
         return by_waves
     first = _last_part(points, logs)
-    found = _decide(part, _growth(part, first, len(points)), first)
-    if by_waves is None or by_waves.verdict == found.verdict:
-        return found
+    judgement = _decide(part, _growth(part, first, len(points)), first)
+    if by_waves is None or by_waves.verdict == judgement.verdict:
+        return judgement
     because = "its modes are too close to separate in this time: beats, or a mode that depends on amplitude"
-    return found._replace(verdict=UNDECIDED, because=because)
+    return judgement._replace(verdict=UNDECIDED, because=because)
 
 
 def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
@@ -209,14 +209,14 @@ def _growth(part: _Part, first: int, end: int, minimum: float = FREE) -> Growth 
 def _of_waves(part: _Part, i: int, fit: Fit) -> Growth | None:
     """Growth of the worst damped wave that is not negligible in signal i at its end; None if there is none."""
     length = float(part.points[-1]) + HANN / 2 - fit.start_s
-    found = []
+    growths = []
     for mode in fit.modes:
         natural = 2 * np.pi * mode.frequency_hz / np.sqrt(1 - mode.damping_ratio**2)
         sigma = float(-mode.damping_ratio * natural)
         half = float(COVERED * natural * np.nan_to_num(mode.damping_ratio_error) + RIPPLE / length)
         if mode.amplitude[i] * np.exp(sigma * length) >= part.floor:
-            found.append(Growth(sigma, sigma - half, sigma + half, part.name))
-    return max(found, key=lambda one: one.high, default=None)
+            growths.append(Growth(sigma, sigma - half, sigma + half, part.name))
+    return max(growths, key=lambda growth: growth.high, default=None)
 
 
 def _close(fit: Fit | None, length: float) -> bool:
@@ -246,7 +246,7 @@ def _last_part(points: NDArray[np.float64], logs: NDArray[np.float64]) -> int:
 
 def _bend(hinges: NDArray[np.float64], rest: NDArray[np.float64]) -> int | None:
     """Index of the hinge that best explains a line's residual, of the later if two are needed; None if not enough."""
-    squares, explained, found = float(rest @ rest), 0.0, []
+    squares, explained, bends = float(rest @ rest), 0.0, []
     for enough in BETTER:
         dots, norms = hinges @ rest, np.maximum(np.sum(hinges**2, axis=1), np.finfo(float).tiny)
         k = int(np.argmax(dots**2 / norms))
@@ -254,9 +254,9 @@ def _bend(hinges: NDArray[np.float64], rest: NDArray[np.float64]) -> int | None:
         explained += float(dots[k] ** 2 / norms[k])
         if abs(dots[k]) / norms[k] * np.ptp(hinge) < DEPTH:
             return None
-        found.append(k)
+        bends.append(k)
         if explained >= enough * squares:
-            return max(found)
+            return max(bends)
         rest = rest - dots[k] / norms[k] * hinge
         hinges = hinges - np.outer(hinges @ hinge / norms[k], hinge)
         hinges[np.sum(hinges**2, axis=1) < 1e-6 * norms] = 0.0  # nearly the same as the first

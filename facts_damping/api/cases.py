@@ -33,9 +33,9 @@ def case_of(run: str | PathLike[str] | None, fields: dict[str, Any]) -> Case:
 def plain(value: Any) -> Any:
     """A value as YAML would give it: NumPy's numbers and arrays, paths, and classes, which `policy` may name."""
     if isinstance(value, dict):
-        return {str(name): plain(one) for name, one in value.items()}
+        return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(one) for one in value]
+        return [plain(entry) for entry in value]
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
     if isinstance(value, np.generic):
@@ -50,9 +50,9 @@ def short_traceback(function: Callable[P, R]) -> Callable[P, R]:
     """Have what a function raises on purpose begin at the script's own line; a `RunError` keeps what caused it."""
 
     @wraps(function)
-    def wrapped(*given: P.args, **named: P.kwargs) -> R:
+    def wrapped(*positional: P.args, **named: P.kwargs) -> R:
         try:
-            return function(*given, **named)
+            return function(*positional, **named)
         except FactsDampingError as error:
             if not isinstance(error, RunError):
                 error.__cause__, error.__suppress_context__ = None, True

@@ -59,9 +59,9 @@ class Result(Record):
 
     def to_pandas(self) -> Any:
         """All of `arrays` as a DataFrame over `time_s`; units in `.attrs["units"]`. Needs pandas."""
-        made = library("pandas", "pandas").DataFrame(self.arrays).set_index("time_s")
-        made.attrs["units"] = dict(self.units)
-        return made
+        frame = library("pandas", "pandas").DataFrame(self.arrays).set_index("time_s")
+        frame.attrs["units"] = dict(self.units)
+        return frame
 
     @short_traceback
     def plot(self, *names: str, beside: Mapping[str, Record | Sequence[Record]] | None = None) -> Figure:
@@ -72,9 +72,9 @@ class Result(Record):
         """
         from facts_damping.analysis.plotting import plots  # noqa: PLC0415 (pictures' library takes longer than a run)
 
-        others = {name: [one] if isinstance(one, Record) else list(one) for name, one in (beside or {}).items()}
-        own = findings.names([self, *(one for group in others.values() for one in group)])[0] if others else ""
-        shown = [(own, self), *((name, one) for name, group in others.items() for one in group)]
+        others = {name: [runs] if isinstance(runs, Record) else list(runs) for name, runs in (beside or {}).items()}
+        title = findings.names([self, *(run for group in others.values() for run in group)])[0] if others else ""
+        shown = [(title, self), *((name, run) for name, group in others.items() for run in group)]
         return plots.figure(names or ("differences",), shown)
 
     @cached_property
@@ -108,7 +108,7 @@ class Result(Record):
 
 def of(record: Record) -> Result:
     """A record as a result."""
-    return Result(**{one.name: getattr(record, one.name) for one in fields(Record)})
+    return Result(**{field.name: getattr(record, field.name) for field in fields(Record)})
 
 
 def summarise(record: Record) -> dict[str, Any]:
@@ -117,15 +117,15 @@ def summarise(record: Record) -> dict[str, Any]:
 
 
 @short_traceback
-def simulate(run: str | PathLike[str] | None = None, **fields: Any) -> Result:
+def simulate(run: str | PathLike[str] | None = None, **changes: Any) -> Result:
     """The closed loop of a run, in process: the bits of the lockstep graph.
 
-    `run`: name under config/runs, or a path; none: all defaults. `fields`: of the run that differ, as a run file has
+    `run`: name under config/runs, or a path; none: all defaults. `changes`: of the run that differ, as a run file has
     them (`link="delay_100ms"`, `controllers=[{"name": "LLC", "parameters": {"gain": 12}}]`), or by path
     (`**{"controllers.0.name": "HBsWC"}`); a `policy` may be a class. Raises `InputError` as the commands do, in one
     line, and `RunError` where a controller of the user's own fails.
     """
-    return of(loop.run(case_of(run, fields)))
+    return of(loop.run(case_of(run, changes)))
 
 
 @short_traceback

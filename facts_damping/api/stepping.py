@@ -49,17 +49,17 @@ class Simulation:
 
         A fallback has those of another controller, and speaks for itself.
         """
-        return [name for one in self._case.controllers if one.fallback_of is None for name in one.devices]
+        return [name for row in self._case.controllers if row.fallback_of is None for name in row.devices]
 
     @property
     def signals(self) -> dict[str, float]:
         """What the links have delivered of the controllers' signals by now, p.u.; NaN before the first frame."""
-        return {name: float(one.y) for name, one in self._stepper.delivered().items()}
+        return {name: float(signal.y) for name, signal in self._stepper.delivered().items()}
 
     @property
     def ages_s(self) -> dict[str, float]:
         """How old these are, s."""
-        return {name: float(one.age_s) for name, one in self._stepper.delivered().items()}
+        return {name: float(signal.age_s) for name, signal in self._stepper.delivered().items()}
 
     @property
     def state(self) -> dict[str, float]:
@@ -80,11 +80,11 @@ class Simulation:
         tick, if something has arrived; None: the controllers act. Raises `InputError` for a wrong shape, `RunError`
         where a controller of the user's own fails.
         """
-        given = None if u is None else np.atleast_1d(np.asarray(u, np.float64))
-        if given is not None and given.shape != (len(self.devices),):
+        setpoints = None if u is None else np.atleast_1d(np.asarray(u, np.float64))
+        if setpoints is not None and setpoints.shape != (len(self.devices),):
             allowed = f"({len(self.devices)},): {', '.join(self.devices)}"
-            raise InputError(f"u: shape {given.shape} given; allowed: {allowed}")
-        return self._stepper.step(given)
+            raise InputError(f"u: shape {setpoints.shape} given; allowed: {allowed}")
+        return self._stepper.step(setpoints)
 
     def record(self) -> Result:
         """What there is so far."""

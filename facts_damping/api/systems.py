@@ -19,9 +19,9 @@ def modes(system: str, devices: list[str] | None = None) -> Modal:
 
     `system`: name under config/systems, or a path; `devices`: that are installed, none: those of a run that it has.
     """
-    found = loading.load_system(system)
+    loaded = loading.load_system(system)
     names = None if devices is None else ",".join(devices) or "none"
-    return modal_tables.analyse(found, loading.installed(found, names))
+    return modal_tables.analyse(loaded, loading.installed(loaded, names))
 
 
 @short_traceback

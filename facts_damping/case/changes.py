@@ -42,9 +42,9 @@ def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str
     if first.get(PROFILE) is not None:
         apply_profile(content, first[PROFILE], sets[PROFILE])
     # Set a name before the fields below it.
-    for given in sorted((key for key in values if key not in first), key=lambda key: key.count(".")):
-        for key in each_path(content, given, partial(_open_name, content)):
-            set_field(content, key, deepcopy(values[given]), sets[given])
+    for field_path in sorted((key for key in values if key not in first), key=lambda key: key.count(".")):
+        for key in each_path(content, field_path, partial(_open_name, content)):
+            set_field(content, key, deepcopy(values[field_path]), sets[field_path])
     if isinstance(content.get(PROFILE), str) and "controllers" in {path.partition(".")[0] for path in values}:
         _add_signals(content, read_profile(content[PROFILE]), only_usual=True)
     if "supervision" in values and off(content, "supervision") and "arm_at" not in values:
@@ -96,19 +96,19 @@ def read_profile(name: str) -> Profile:
     return check(Profile, read_table(path), str(path))
 
 
-def apply_profile(content: dict[str, Any], given: Any, where: str, fixed: Collection[str] = ()) -> None:
+def apply_profile(content: dict[str, Any], source: Any, where: str, fixed: Collection[str] = ()) -> None:
     """Set the fields of a profile in a run's content, except those in `fixed`, which the run sets itself.
 
     `where`: start of error messages.
     """
-    if not isinstance(given, str):
-        raise InputError(f"{where}: {short(given)} given; allowed: {', '.join(shipped('profiles'))}, or a YAML file")
-    profile = read_profile(given)
-    content[PROFILE] = given
+    if not isinstance(source, str):
+        raise InputError(f"{where}: {short(source)} given; allowed: {', '.join(shipped('profiles'))}, or a YAML file")
+    profile = read_profile(source)
+    content[PROFILE] = source
     _open_name(content, "system.name")
     if not isinstance(content["system"], dict):
-        given = short(content["system"])
-        raise InputError(f"{where}: system: {given} given; allowed: a name, a YAML file, or a system")
+        system_text = short(content["system"])
+        raise InputError(f"{where}: system: {system_text} given; allowed: a name, a YAML file, or a system")
     values = {**profile.set, **profile.systems.get(str(content["system"].get("name")), {})}
     for path in sorted(values, key=lambda key: key.count(".")):
         into_list = path.startswith("system.") and ".*" in path
@@ -126,5 +126,5 @@ def _add_signals(content: dict[str, Any], profile: Profile, *, only_usual: bool)
     rows = content.setdefault("controllers", [{}])
     for row in rows if isinstance(rows, list) else []:
         if isinstance(row, dict) and not (only_usual and "signals" in row):
-            own = row.get("signals", Controller().signals)
-            row["signals"] = profile.given(own) if isinstance(own, list) else own
+            signals = row.get("signals", Controller().signals)
+            row["signals"] = profile.given(signals) if isinstance(signals, list) else signals

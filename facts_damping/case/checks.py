@@ -35,8 +35,8 @@ def check_case(case: Case) -> None:
     """Raise `InputError` for devices, controllers, signals or parameters that the other files do not have."""
     run, system = case.run, case.system
     if case.ticks > MAX_TICKS:
-        given = f"{case.duration:g} s at {run.frame_rate} frames/s given, {case.ticks} frames"
-        raise FieldError("duration", f"{given}; allowed: at most {MAX_TICKS} frames")
+        problem = f"{case.duration:g} s at {run.frame_rate} frames/s given, {case.ticks} frames"
+        raise FieldError("duration", f"{problem}; allowed: at most {MAX_TICKS} frames")
     for i, device in enumerate(run.devices):
         check_known(f"devices.{i}", device, [d.name for d in system.devices])
         if device in run.devices[:i]:
@@ -51,8 +51,8 @@ def check_case(case: Case) -> None:
         for device in controller.devices:
             check_known(f"{here}.devices", device, run.devices)
             if controller.fallback_of is None and device in commanded:
-                given = f"'{device}' given, which has a controller already"
-                raise FieldError(f"{here}.devices", f"{given}; allowed: each device once")
+                problem = f"'{device}' given, which has a controller already"
+                raise FieldError(f"{here}.devices", f"{problem}; allowed: each device once")
             commanded |= {device} if controller.fallback_of is None else set()
         for signal in controller.signals:
             check_known(f"{here}.signals", signal, list(system.signals))
@@ -66,8 +66,8 @@ def check_case(case: Case) -> None:
 def _check_channels(case: Case) -> None:
     """Check that stages of links name PMUs or signals (up), or installed devices (down)."""
     known = {"up": [*(s.name for s in case.system.pmus), *case.system.signals], "down": case.run.devices}
-    own = [f"controllers.{c}.link" for c, controller in enumerate(case.run.controllers) if controller.link is not None]
-    fields = [*["link"][: len(case.links) - len(own)], *own]
+    at = [f"controllers.{c}.link" for c, controller in enumerate(case.run.controllers) if controller.link is not None]
+    fields = [*["link"][: len(case.links) - len(at)], *at]
     for field, link in zip(fields, case.links, strict=True):
         for way, names in known.items():
             for i, stage in enumerate(getattr(link, way)):

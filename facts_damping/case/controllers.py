@@ -48,11 +48,11 @@ def filled(
     scheme = None if row.network is None else controller.scheme or "indirect"
     if not row.compensates and controller.compensation != "none":
         reason = "is designed for its delay already" if row.design else "has no parameters for it"
-        given = f"'{controller.compensation}' given"
-        raise FieldError(f"{here}.compensation", f"{given}; allowed: none for {name}, which {reason}")
+        problem = f"'{controller.compensation}' given"
+        raise FieldError(f"{here}.compensation", f"{problem}; allowed: none for {name}, which {reason}")
     if controller.compensation in OF_IDENTIFIERS and scheme != "indirect":
-        own = f"{', '.join(COMPENSATIONS)} for {name}{f' {scheme}' if scheme else ''}"
-        allowed = f"{own}, or an indirect controller, whose identifier predicts"
+        compensations = f"{', '.join(COMPENSATIONS)} for {name}{f' {scheme}' if scheme else ''}"
+        allowed = f"{compensations}, or an indirect controller, whose identifier predicts"
         raise FieldError(f"{here}.compensation", f"'{controller.compensation}' given; allowed: {allowed}")
     counts = sizes(controller)
     for parameter, value in () if row.program or row.node else controller.parameters.items():
@@ -60,9 +60,9 @@ def filled(
     ports = controller.signals, controller.devices
     known = tuned(system.name, *ports, measurement, tuning, controller.compensation)
     if name == "LLC-tuned" and (name, None) not in known and not controller.parameters:
-        given = f"'LLC-tuned' given, which is not tuned for {system.name} with these signals and devices"
+        problem = f"'LLC-tuned' given, which is not tuned for {system.name} with these signals and devices"
         allowed = f"LLC, or `facts-damping tune {system.name}` first (tuning: {tuning})"
-        raise FieldError(f"{here}.name", f"{given}; allowed: {allowed}")
+        raise FieldError(f"{here}.name", f"{problem}; allowed: {allowed}")
     usual = defaults(row, controller.profile, *counts.values())
     values = {**usual, **known.get((name, scheme), {}), **controller.parameters}
     if controller.compensation in OF_IDENTIFIERS and "identifier_span" not in controller.parameters:
@@ -99,11 +99,11 @@ def check_parameter(field: str, name: str, value: Value, table: dict[str, Parame
     if isinstance(value, list) and (not p.each or len(value) != counts[p.each]):
         allowed = f"a number, or {counts[p.each]}, one a {p.each}" if p.each else "one value"
         raise FieldError(field, f"{len(value)} numbers given; allowed: {allowed}")
-    for one in value if isinstance(value, list) else [value]:
+    for number in value if isinstance(value, list) else [value]:
         if p.choices:
-            check_known(field, str(one), p.choices)
-        elif isinstance(one, str) or not p.low <= one <= p.high or (p.whole and one != round(one)):
-            shown, whole = one if isinstance(one, str) else f"{one:g}", "whole numbers, " if p.whole else ""
+            check_known(field, str(number), p.choices)
+        elif isinstance(number, str) or not p.low <= number <= p.high or (p.whole and number != round(number)):
+            shown, whole = number if isinstance(number, str) else f"{number:g}", "whole numbers, " if p.whole else ""
             raise FieldError(field, f"{shown} given; allowed: {whole}{p.low:g} to {p.high:g} {p.unit}")
 
 
@@ -113,24 +113,24 @@ def with_weights(controller: Controller, weights: Path | Weights) -> Controller:
     Raises `InputError` if they do not fit.
     """
     source = str(weights) if isinstance(weights, Path) else "weights"
-    given = controller.model_copy(update={"weights": source if isinstance(weights, Path) else weights})
+    weighted = controller.model_copy(update={"weights": source if isinstance(weights, Path) else weights})
     with worded(source):
-        found = _weights(given, given.scheme, given.parameters, "weights")
-    return controller.model_copy(update={"weights": found})
+        checked_weights = _weights(weighted, weighted.scheme, weighted.parameters, "weights")
+    return controller.model_copy(update={"weights": checked_weights})
 
 
 def _weights(controller: Controller, scheme: str | None, values: dict[str, Value], field: str) -> Weights | None:
     if controller.weights is None:
         return None
-    found = controller.weights
-    if isinstance(found, str):
-        path = Path(found)
+    weights = controller.weights
+    if isinstance(weights, str):
+        path = Path(weights)
         if not is_file(path):
             raise FieldError(field, f"{path}: no such file; allowed: weights that a run has saved")
-        found = check(Weights, files.read_table(path), str(path))
-    if (found.name, found.scheme) != (controller.name, scheme):
+        weights = check(Weights, files.read_table(path), str(path))
+    if (weights.name, weights.scheme) != (controller.name, scheme):
         allowed = f"those of {controller.name} ({scheme})"
-        raise FieldError(field, f"weights of {found.name} ({found.scheme}) given; allowed: {allowed}")
+        raise FieldError(field, f"weights of {weights.name} ({weights.scheme}) given; allowed: {allowed}")
     wanted = {"controller": bank.controller_network(controller).size, "identifier": 0}
     if scheme == "indirect":
         kind_of_identifier = str(values["identifier"])
@@ -138,10 +138,10 @@ def _weights(controller: Controller, scheme: str | None, values: dict[str, Value
         order = identifier_model.past_values(values["identifier_span"])
         wanted["identifier"] = identifier_model.predictor_network(kind_of_identifier, *counts, order).size
     for part, size in wanted.items():
-        given = getattr(found, part)
-        if given is not None and len(given) != size:
-            raise FieldError(field, f"{part}: {len(given)} numbers given; allowed: {size}")
-    return found
+        numbers = getattr(weights, part)
+        if numbers is not None and len(numbers) != size:
+            raise FieldError(field, f"{part}: {len(numbers)} numbers given; allowed: {size}")
+    return weights
 
 
 def tuned(
@@ -160,15 +160,15 @@ def tuned(
     """
     usual = Controller()
     signals, devices = signals or usual.signals, devices or usual.devices
-    found: dict[tuple[str, str | None], dict[str, Value]] = {}
-    fitting = [one for one in chosen(system, profile) if one.measurement in ("ideal", measurement)]
+    parameters: dict[tuple[str, str | None], dict[str, Value]] = {}
+    fitting = [tuned_file for tuned_file in chosen(system, profile) if tuned_file.measurement in ("ideal", measurement)]
     for wanted in dict.fromkeys(("none", compensation)):
-        for file in sorted(fitting, key=lambda one: one.measurement == measurement):
+        for file in sorted(fitting, key=lambda tuned_file: tuned_file.measurement == measurement):
             for row in file.controllers:
-                own = file.devices, file.signals[: kind(row.name).signals]
-                if own == (devices, signals) and row.compensation == wanted:
-                    found[row.name, row.scheme] = row.parameters
-    return found
+                tuned_for = file.devices, file.signals[: kind(row.name).signals]
+                if tuned_for == (devices, signals) and row.compensation == wanted:
+                    parameters[row.name, row.scheme] = row.parameters
+    return parameters
 
 
 def chosen(system: str, profile: str) -> list[Tuned]:
@@ -178,7 +178,7 @@ def chosen(system: str, profile: str) -> list[Tuned]:
     """
     begins = system if profile == DEFAULT_PROFILE else f"{system}_{profile}"
     known = [_read_tuned(file) for name, file in files.shipped("controllers").items() if name.startswith(begins)]
-    return [one for one in known if (one.system, one.profile) == (system, profile)]
+    return [file for file in known if (file.system, file.profile) == (system, profile)]
 
 
 @cache

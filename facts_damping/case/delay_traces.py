@@ -88,19 +88,19 @@ def of_record(record: Record, way: str) -> dict[str, Series]:
         rows = record.applied[np.argsort(record.applied["issued_ns"], kind="stable")]
         late = (rows["effective_ns"] - rows["issued_ns"]) / NANOSECONDS
         return _kept((name, late[rows["device"] == d].tolist()) for d, name in enumerate(record.device_names))
-    found = []
+    delays = []
     for s, name in enumerate(record.pmus):
-        own = record.delivered[record.delivered["pmu"] == s]
-        own = own[np.argsort(own["arrival_ns"], kind="stable")]
-        measured, first = np.unique(own["measured_ns"], return_index=True)
-        late = dict(zip(measured.tolist(), ((own["arrival_ns"][first] - measured) / NANOSECONDS).tolist(), strict=True))
+        log = record.delivered[record.delivered["pmu"] == s]
+        log = log[np.argsort(log["arrival_ns"], kind="stable")]
+        measured, first = np.unique(log["measured_ns"], return_index=True)
+        late = dict(zip(measured.tolist(), ((log["arrival_ns"][first] - measured) / NANOSECONDS).tolist(), strict=True))
         last = measured.max(initial=-1)
-        found.append((name, [late.get(int(time)) for time in record.time_ns if time <= last]))
-    return _kept(found)
+        delays.append((name, [late.get(int(time)) for time in record.time_ns if time <= last]))
+    return _kept(delays)
 
 
 def _kept(series: Iterable[tuple[str, Series]]) -> dict[str, Series]:
-    found = {name: delays for name, delays in series if delays}
-    if not found:
+    nonempty = {name: delays for name, delays in series if delays}
+    if not nonempty:
         raise InputError("nothing was delivered in this recording")
-    return found
+    return nonempty

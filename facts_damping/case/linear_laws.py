@@ -25,13 +25,13 @@ NEAR = 1e-6  # relative tolerance of a period, which files round
 
 def with_law(controller: Controller, field: str, frame_rate: int) -> Controller:
     """A controller with its `linear` law inline. Raises `InputError` if it is invalid or does not fit."""
-    given = controller.linear
-    if given is None:
+    source = controller.linear
+    if source is None:
         return controller
-    if isinstance(given, str):
-        law = check(LinearLaw, _read(Path(given), field), given)
+    if isinstance(source, str):
+        law = check(LinearLaw, _read(Path(source), field), source)
     else:
-        law = check_field(LinearLaw, given, field)
+        law = check_field(LinearLaw, source, field)
     if law.dt is not None and abs(law.dt * frame_rate - 1.0) > NEAR:
         allowed = f"the frames' {1.0 / frame_rate:.9g} s, or none: continuous"
         raise FieldError(field, f"{law.dt:g} s given; allowed: {allowed}", ".dt")
@@ -48,16 +48,16 @@ def _read(path: Path, field: str) -> dict[str, Any]:
     if path.suffix not in (".npz", ".mat"):
         raise FieldError(field, f"{path} given; allowed: a law in a .yaml, .npz or .mat file")
     try:
-        found = _arrays(path)
+        arrays = _arrays(path)
     except InputError:
         raise
     except Exception as error:  # the readers raise many kinds
         reason = one_line(error) or type(error).__name__
         raise InputError(f"{path}: cannot be read: {reason}; allowed: arrays {', '.join(NAMES)}") from error
-    unknown = [name for name in found if name not in NAMES]
+    unknown = [name for name in arrays if name not in NAMES]
     if unknown:
         raise InputError(f"{path}: '{unknown[0]}' given; allowed: arrays {', '.join(NAMES)}")
-    return {name: _plain(name, values, path) for name, values in found.items()}
+    return {name: _plain(name, values, path) for name, values in arrays.items()}
 
 
 def _arrays(path: Path) -> dict[str, Any]:
@@ -82,4 +82,4 @@ def _plain(name: str, values: Any, path: Path) -> Any:
             raise InputError(f"{path}: {name}: complex numbers given; allowed: real ones")
         return np.atleast_2d(array).astype(float).tolist()
     flat = array.ravel().tolist()
-    return [str(one) if isinstance(one, complex) else float(one) for one in flat]
+    return [str(number) if isinstance(number, complex) else float(number) for number in flat]

@@ -89,11 +89,11 @@ def _stands_for_pmus(stage: StageModel) -> bool:
 def check_felt(link: Link, field: str, measurement: Measurement, sets: dict[str, str]) -> None:
     """Raise `InputError` if `--set` gives a delay for a `pmu` stage that `beside` sets to zero."""
     for i, stage in enumerate(link.up):
-        given = sets.get(f"{field}.up.{i}.delay")
-        if given is not None and _stands_for_pmus(stage) and measurement.filter != "ideal":
-            others = ", ".join(f"{field}.up.{k}" for k, one in enumerate(link.up) if not _stands_for_pmus(one))
+        setting = sets.get(f"{field}.up.{i}.delay")
+        if setting is not None and _stands_for_pmus(stage) and measurement.filter != "ideal":
+            others = ", ".join(f"{field}.up.{k}" for k, other in enumerate(link.up) if not _stands_for_pmus(other))
             why = f"the stage models PMUs, but this run models their filter itself ({measurement.filter})"
-            raise InputError(f"{given}: {why}; allowed: a delay of {others or 'another stage'}, or measurement=ideal")
+            raise InputError(f"{setting}: {why}; allowed: a delay of {others or 'another stage'}, or measurement=ideal")
 
 
 def with_number(link: Link, path: str, value: float) -> tuple[str, int, Link]:

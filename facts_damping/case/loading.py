@@ -36,9 +36,9 @@ def read_system(name: str, sets: list[str] | None = None) -> System:
     path = find("systems", name)
     content = read_table(path)
     values, origins = read_sets(sets or [])
-    for given, value in values.items():
-        for key in each_path(content, given):
-            set_field(content, key, value, origins[given])
+    for field_path, value in values.items():
+        for key in each_path(content, field_path):
+            set_field(content, key, value, origins[field_path])
     return check(System, content, str(path), origins)
 
 
@@ -80,17 +80,17 @@ def load_case(name: str | None, sets: list[str] | None = None, supervised: str |
     return make_case({**content, "arm_at": ARM_AT}, source, origins)
 
 
-def read_run(given: str | dict[str, Any] | None) -> tuple[dict[str, Any], str]:
+def read_run(run: str | dict[str, Any] | None) -> tuple[dict[str, Any], str]:
     """Content of a run by name, path or inline (None: all defaults), and its source for messages.
 
     The fields of its profile are set, except for a stored run, which already has them.
     """
-    if given is None:
+    if run is None:
         return {}, "defaults"
-    if isinstance(given, dict):
-        content, source = deepcopy(given), "run"
+    if isinstance(run, dict):
+        content, source = deepcopy(run), "run"
     else:
-        path = find("runs", given)
+        path = find("runs", run)
         content, source = read_table(path), str(path)
         check_kind("runs", content, source)
     if content.get(PROFILE) is not None and content.get("asked") is None:
@@ -125,7 +125,7 @@ def _made(content: Any, sets: dict[str, str]) -> Case:
     link, links, used = links_of(sources)
     for i, field in enumerate(["link", *(f"controllers.{c}.link" for c in range(len(run.controllers)))]):
         check_felt(link if i == 0 else links[used[i - 1]], field, measurement, sets)
-    links = [beside(signed(one) if run.security else one, measurement) for one in links]
+    links = [beside(signed(run_link) if run.security else run_link, measurement) for run_link in links]
     placed = place(_dispatched(system, scenario, scenario_file))
     latency = reference_filter(measurement, system.frequency, run.frame_rate).delay / run.frame_rate
     controllers, settings = [], (run.frame_rate, latency, measurement.filter, run.tuning)
@@ -151,14 +151,14 @@ def _model(model: System, system: System) -> System:
     """The system for controller design, if not the plant; devices that only the plant has are known there, too."""
     known = {d.name for d in model.devices}
     model = model.model_copy(update={"devices": [*model.devices, *(d for d in system.devices if d.name not in known)]})
-    for field, own, other in (
+    for field, model_names, other in (
         ("devices", [d.name for d in model.devices], [d.name for d in system.devices]),
         ("pmus", [s.name for s in model.pmus], [s.name for s in system.pmus]),
         ("signals", list(model.signals), list(system.signals)),
     ):
-        if own != other:
+        if model_names != other:
             allowed = f"those of the system, {', '.join(other) or 'none'}"
-            raise FieldError("model", f"{field} {', '.join(own) or 'none'} given; allowed: {allowed}")
+            raise FieldError("model", f"{field} {', '.join(model_names) or 'none'} given; allowed: {allowed}")
     return place(model)
 
 

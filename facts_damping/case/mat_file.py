@@ -27,12 +27,12 @@ def _convert() -> None:
     from scipy.io import loadmat  # noqa: PLC0415 (here alone: loading it takes longer than a run)
 
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-    found = loadmat(BytesIO(sys.stdin.buffer.read()))
-    numbers = {name: one for name, one in found.items() if not name.startswith("__")}
-    made = BytesIO()
-    arrays = {name: one if one.dtype.kind in "fiuc" else np.array("no numbers") for name, one in numbers.items()}
-    np.savez(made, allow_pickle=False, **arrays)
-    sys.stdout.buffer.write(made.getvalue())
+    content = loadmat(BytesIO(sys.stdin.buffer.read()))
+    numbers = {name: array for name, array in content.items() if not name.startswith("__")}
+    archive = BytesIO()
+    arrays = {name: array if array.dtype.kind in "fiuc" else np.array("no numbers") for name, array in numbers.items()}
+    np.savez(archive, allow_pickle=False, **arrays)
+    sys.stdout.buffer.write(archive.getvalue())
 
 
 if __name__ == "__main__":

@@ -22,8 +22,8 @@ def check_measurement(case: Case) -> None:
     measurement, pmus = case.measurement, [s.name for s in case.system.pmus]
     for name in measurement.pmus:
         check_known("measurement.pmus", name, pmus)
-    for i, one in enumerate(measurement.bad_data):
-        for name in one.pmus or []:
+    for i, bad_data in enumerate(measurement.bad_data):
+        for name in bad_data.pmus or []:
             check_known(f"measurement.bad_data.{i}.pmus", name, pmus)
     reference_filter(measurement, case.system.frequency, case.run.frame_rate)
     missing = "rocof" if measurement.filter == "ideal" else "speed_deviation"
@@ -31,7 +31,7 @@ def check_measurement(case: Case) -> None:
         for name in controller.signals:
             signal = case.system.signals.get(name)
             if signal is not None and signal.channel == missing:
-                measured = [other for other, own in case.system.signals.items() if own.channel != missing]
+                measured = [other for other, row in case.system.signals.items() if row.channel != missing]
                 why = f"a signal of {missing}, which PMUs do not report with filter {measurement.filter}"
                 allowed = ", ".join(measured) or "none"
                 raise FieldError(f"controllers.{c}.signals", f"'{name}' given, {why}; allowed: {allowed}")

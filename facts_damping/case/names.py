@@ -34,7 +34,7 @@ def supervisor_names(case: Case) -> dict[int, str]:
     if case.supervision is None:
         return {}
     rows = enumerate(case.run.controllers)
-    return {c: f"supervisor_{c}_{ros_name(one.name)}" for c, one in rows if one.fallback_of is None}
+    return {c: f"supervisor_{c}_{ros_name(row.name)}" for c, row in rows if row.fallback_of is None}
 
 
 class Address(NamedTuple):
@@ -92,8 +92,8 @@ def setpoint_senders(case: Case) -> dict[int, SetpointSender]:
 
 def acting(case: Case, c: int) -> int:
     """Index of the controller under whose name the setpoints of controller c act; differs for a fallback."""
-    given = case.run.controllers[c].fallback_of
-    return c if given is None else given
+    primary = case.run.controllers[c].fallback_of
+    return c if primary is None else primary
 
 
 def link_addresses(case: Case) -> list[Address]:
@@ -103,9 +103,9 @@ def link_addresses(case: Case) -> list[Address]:
     """
     controllers = controller_addresses(case)
     crowd = Counter(address.namespace for address in controllers)
-    own = [c for c, controller in enumerate(case.run.controllers) if controller.link is not None]
-    places = [""] if len(case.links) > len(own) else []
-    for c in own:
+    with_own_link = [c for c, controller in enumerate(case.run.controllers) if controller.link is not None]
+    places = [""] if len(case.links) > len(with_own_link) else []
+    for c in with_own_link:
         alone = controllers[c].namespace and crowd[controllers[c].namespace] == 1
         places.append(controllers[c].namespace if alone else str(controllers[c]))
     return [Address(place, "wan_link") for place in places]
@@ -114,8 +114,8 @@ def link_addresses(case: Case) -> list[Address]:
 def replaceable(case: Case) -> list[str]:
     """Nodes of a graph that another may replace while it runs: links, controllers, identifiers, supervisors."""
     several = (link_addresses(case), controller_addresses(case))
-    own = (identifier_addresses(case).values(), supervisor_addresses(case).values())
-    return [str(address) for group in (*several, *own) for address in group]
+    addresses = (identifier_addresses(case).values(), supervisor_addresses(case).values())
+    return [str(address) for group in (*several, *addresses) for address in group]
 
 
 def recorded_topic(topic: str) -> str:
@@ -135,19 +135,19 @@ def served(case: Case, link: int) -> list[int]:
 
 def setpoint_topics(case: Case) -> dict[str, tuple[str, list[int]]]:
     """Sender and controllers of the setpoints on each topic; the sender is empty on topics of links."""
-    found = {
+    topics = {
         f"{address}/setpoints": (name, [c])
         for c, (name, address) in enumerate(zip(controller_names(case), controller_addresses(case), strict=True))
     }
-    found |= {f"{address}/{SUPERVISED}": (address.name, [c]) for c, address in supervisor_addresses(case).items()}
+    topics |= {f"{address}/{SUPERVISED}": (address.name, [c]) for c, address in supervisor_addresses(case).items()}
     links = enumerate(link_addresses(case))
-    return found | {link.topic("setpoints/delivered"): ("", served(case, i)) for i, link in links}
+    return topics | {link.topic("setpoints/delivered"): ("", served(case, i)) for i, link in links}
 
 
 def listeners(case: Case, link: int) -> int:
     """Number of nodes that receive a link's deliveries: controllers, their identifiers and supervisors."""
-    own = served(case, link)
-    return len(own) + sum(c in own for c in [*identifier_names(case), *supervisor_names(case)])
+    controllers = served(case, link)
+    return len(controllers) + sum(c in controllers for c in [*identifier_names(case), *supervisor_names(case)])
 
 
 def asked_label(asked: dict[str, Any]) -> str:
@@ -169,13 +169,13 @@ def label(run: dict[str, Any]) -> str:
     return "-".join("+".join(map(_short, part)) for part in parts).replace("/", "_")
 
 
-def _short(given: Any) -> str:
+def _short(choice: Any) -> str:
     """A name, the end of a path, an inline item's `name`, the kinds of events."""
-    if isinstance(given, list):
-        return "+".join(dict.fromkeys(event["kind"] for event in given)) or "steady"
-    if isinstance(given, str):
-        if not is_path(given):
-            return given
-        parts = [part for part in Path(given).parts if part.strip("./")]
+    if isinstance(choice, list):
+        return "+".join(dict.fromkeys(event["kind"] for event in choice)) or "steady"
+    if isinstance(choice, str):
+        if not is_path(choice):
+            return choice
+        parts = [part for part in Path(choice).parts if part.strip("./")]
         return "_".join(parts[-2:]).removesuffix(".yaml").removesuffix(".yml")
-    return given.get("name") or "custom"
+    return choice.get("name") or "custom"

@@ -55,11 +55,11 @@ def resolve(run: Run, system: str) -> Sources:
     )
 
 
-def read_source(kind: str, given: str | dict[str, Any], field: str, within: str = "") -> Source:
+def read_source(kind: str, written: str | dict[str, Any], field: str, within: str = "") -> Source:
     """Content of a run's field: by name or path of a file of that kind, or inline."""
-    if not isinstance(given, str):
-        return Source(given, field)
-    path = find(kind, given, within)
+    if not isinstance(written, str):
+        return Source(written, field)
+    path = find(kind, written, within)
     return Source(read_table(path), field, str(path))
 
 

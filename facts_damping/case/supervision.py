@@ -52,15 +52,15 @@ def unsupervised(case: Case) -> Case:
     """The same run without supervisors, fallbacks and the fallbacks' links: the normal control path."""
     if case.supervision is None:
         return case
-    kept = [c for c, one in enumerate(case.run.controllers) if one.fallback_of is None]
-    links = sorted({case.used_links[c] for c in kept})
-    fields = {"controllers": [case.run.controllers[c] for c in kept], "supervision": None, "arm_at": None}
+    primaries = [c for c, controller in enumerate(case.run.controllers) if controller.fallback_of is None]
+    links = sorted({case.used_links[c] for c in primaries})
+    fields = {"controllers": [case.run.controllers[c] for c in primaries], "supervision": None, "arm_at": None}
     return replace(
         case,
         run=case.run.model_copy(update=fields),
-        controllers=[case.controllers[c] for c in kept],
+        controllers=[case.controllers[c] for c in primaries],
         links=[case.links[i] for i in links],
-        used_links=[links.index(case.used_links[c]) for c in kept],
+        used_links=[links.index(case.used_links[c]) for c in primaries],
         supervision=None,
     )
 
@@ -68,27 +68,27 @@ def unsupervised(case: Case) -> Case:
 def check_fallbacks(case: Case) -> None:
     """Check that a fallback replaces one controller, has its devices, and uses only signals measured at them."""
     rows = case.run.controllers
-    for i, one in enumerate(rows):
-        if one.fallback_of is None:
+    for i, fallback in enumerate(rows):
+        if fallback.fallback_of is None:
             continue
-        here, given = f"controllers.{i}", f"{one.fallback_of} given"
+        here, fallback_text = f"controllers.{i}", f"{fallback.fallback_of} given"
         others = [c for c, other in enumerate(rows) if other.fallback_of is None]
         if case.supervision is None:
-            raise FieldError(f"{here}.fallback_of", f"{given}; allowed: with `supervision`")
-        if one.fallback_of not in others:
+            raise FieldError(f"{here}.fallback_of", f"{fallback_text}; allowed: with `supervision`")
+        if fallback.fallback_of not in others:
             allowed = f"the index of a controller, {', '.join(map(str, others)) or 'none'}"
-            raise FieldError(f"{here}.fallback_of", f"{given}; allowed: {allowed}")
-        if reserves(case.run)[one.fallback_of] != i:
-            raise FieldError(f"{here}.fallback_of", f"{given} twice; allowed: one fallback a controller")
-        if one.devices != rows[one.fallback_of].devices:
-            own, devices = ", ".join(one.devices), ", ".join(rows[one.fallback_of].devices)
-            raise FieldError(f"{here}.devices", f"{own} given; allowed: those of its controller, {devices}")
-        local = local_signals(case.system, one.devices)
-        for signal in one.signals:
+            raise FieldError(f"{here}.fallback_of", f"{fallback_text}; allowed: {allowed}")
+        if reserves(case.run)[fallback.fallback_of] != i:
+            raise FieldError(f"{here}.fallback_of", f"{fallback_text} twice; allowed: one fallback a controller")
+        if fallback.devices != rows[fallback.fallback_of].devices:
+            names, devices = ", ".join(fallback.devices), ", ".join(rows[fallback.fallback_of].devices)
+            raise FieldError(f"{here}.devices", f"{names} given; allowed: those of its controller, {devices}")
+        local = local_signals(case.system, fallback.devices)
+        for signal in fallback.signals:
             if signal not in local:
-                given = f"'{signal}' given, which is not measured at {' or '.join(one.devices)}"
+                problem = f"'{signal}' given, which is not measured at {' or '.join(fallback.devices)}"
                 allowed = ", ".join(local) or "none: no PMU is there"
-                raise FieldError(f"{here}.signals", f"{given}; allowed for a fallback: {allowed}")
+                raise FieldError(f"{here}.signals", f"{problem}; allowed for a fallback: {allowed}")
 
 
 def local_signals(system: System, devices: list[str]) -> list[str]:

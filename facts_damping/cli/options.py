@@ -30,7 +30,7 @@ class _Formatter(argparse.HelpFormatter):
 
 def examples_text(examples: Sequence[str]) -> str:
     """Examples as the end of a command's help."""
-    return "\n".join([EXAMPLES, *(f"  facts-damping {one}" for one in examples)])
+    return "\n".join([EXAMPLES, *(f"  facts-damping {example}" for example in examples)])
 
 
 class Parser(argparse.ArgumentParser):

@@ -47,13 +47,13 @@ def parser() -> argparse.ArgumentParser:
         return command
 
     added = [row.load() for row in entry_points("commands").values()]
-    tables = [TABLE, *(Path(str(one.__file__)).with_name(TABLE.name) for one in added if isinstance(one, ModuleType))]
+    tables = [TABLE, *(Path(str(mod.__file__)).with_name(TABLE.name) for mod in added if isinstance(mod, ModuleType))]
     rows: dict[str, Any] = {}
     for path in tables:
         for name, row in parse(read_text(path)).items():
             if name in rows or not (path == TABLE or row.keys() >= NEEDED):
-                given = "the name is taken" if name in rows else f"{', '.join(row) or 'nothing'} given"
-                raise InputError(f"{path}: {name}: {given}; allowed: a new command with {', '.join(sorted(NEEDED))}")
+                problem = "the name is taken" if name in rows else f"{', '.join(row) or 'nothing'} given"
+                raise InputError(f"{path}: {name}: {problem}; allowed: a new command with {', '.join(sorted(NEEDED))}")
             rows[name] = row
     shared = rows.pop("shared arguments")
     for name, row in sorted(rows.items(), key=lambda item: float(item[1]["place"])):

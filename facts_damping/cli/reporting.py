@@ -40,9 +40,9 @@ class RunResult:
         """One object, whose keys are those of the summary and its own."""
         from facts_damping.analysis.summary import as_json
 
-        own = {"digest": self.digest, "versions": self.versions, "wall_s": self.wall_s, "recording": self.recording}
+        columns = {"digest": self.digest, "versions": self.versions, "wall_s": self.wall_s, "recording": self.recording}
         details = self.details._asdict() if self.details is not None else {}
-        return {**as_json(self.summary), **own, **self.more, **details}
+        return {**as_json(self.summary), **columns, **self.more, **details}
 
 
 def say(arguments: argparse.Namespace, *texts: str) -> None:
@@ -159,11 +159,11 @@ def check_ended_well(summary: Summary, record: Record, outcome: Outcome | None =
     ]
     if outcome is not None:
         flaws += outcome.fallen
-        told = [
+        refusals = [
             RefusedMessages(node, topic, cause, source, count)
             for (node, cause, topic, source), count in outcome.messages_refused.items()
         ]
-        refused = refused_messages(summary.refused_messages or told)  # as in the table; nodes count to their end
+        refused = refused_messages(summary.refused_messages or refusals)  # as in the table; nodes count to their end
         flaws += [f"refused messages: {refused}"] if refused else []
         flaws += [f"the recorder lost {record.messages_lost} messages"] if record.messages_lost else []
         missing = _missing(outcome, record)

@@ -167,12 +167,12 @@ def _distributions(
     return [f"plot: {path}" for path in paths]
 
 
-def _explained(record: Record, path: str, run: str | None) -> Record:
+def _explained(record: Record, path: str, run_name: str | None) -> Record:
     """The record; if it holds no run (`ros2 bag record` stores none), with the run of a name or file."""
-    if record.configuration or run is None:
+    if record.configuration or run_name is None:
         check_has_run(record, path)
         return record
-    return replace(record, configuration=loading.load_case(run).document())
+    return replace(record, configuration=loading.load_case(run_name).document())
 
 
 def list_(arguments: argparse.Namespace) -> None:

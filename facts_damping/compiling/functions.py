@@ -51,7 +51,7 @@ class EntryFunction:
     @functools.cached_property
     def result(self) -> Any:
         """Type of the result: float, int, bool or None."""
-        found = typing.get_type_hints(self.py_func).get("return")
-        if found not in C_TYPES:
-            raise TypeError(f"{self.symbol}: {found} is returned; allowed: float, int, bool, None")
-        return found
+        hint = typing.get_type_hints(self.py_func).get("return")
+        if hint not in C_TYPES:
+            raise TypeError(f"{self.symbol}: {hint} is returned; allowed: float, int, bool, None")
+        return hint

@@ -49,10 +49,10 @@ class Kernel(PartFunction):
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call it in Python for numbers alone, with the same bits; else compile it for the arguments' types."""
-        given = (*arguments, *named.values())
-        if set(map(type, given)) == {int}:  # quick, for the times of a tick
+        values = (*arguments, *named.values())
+        if set(map(type, values)) == {int}:  # quick, for the times of a tick
             return self.py_func(*arguments, **named)
-        if all(isinstance(one, NUMERIC) for one in given):
+        if all(isinstance(value, NUMERIC) for value in values):
             with np.errstate(all="ignore"):  # compiled code has no warnings
                 return self.py_func(*arguments, **named)
         return self._alone(*arguments, **named)
@@ -102,15 +102,15 @@ class EntryPoint(EntryFunction):
         parts, space = [], {"words": array_words, "refuse": _refuse}
         for i, (name, kind) in enumerate(zip(inspect.signature(self.py_func).parameters, self.kinds, strict=True)):
             kind = typing.get_origin(kind) or kind  # noqa: PLW2901 (of a table, its class)
-            space[f"k{i}"], given = kind, f"a{i}, k{i}, {f'{self.__name__}: {name}'!r}"
+            space[f"k{i}"], argument = kind, f"a{i}, k{i}, {f'{self.__name__}: {name}'!r}"
             if kind in WORD_TYPES:
                 parts.append(f"a{i}")
             elif isinstance(kind, Array):
-                parts.append(f"*words({given})")
+                parts.append(f"*words({argument})")
             elif is_numbers(kind):
                 parts.append(f"*a{i}")
             else:
-                parts.append(f"a{i}.pointer if type(a{i}) is k{i} else refuse({given})")
+                parts.append(f"a{i}.pointer if type(a{i}) is k{i} else refuse({argument})")
         names = ", ".join(f"a{i}" for i in range(len(self.kinds)))
         return eval(f"lambda {names}: [{', '.join(parts)}]", space)  # noqa: S307 (of our own text)
 
@@ -123,13 +123,13 @@ class EntryPoint(EntryFunction):
         """Call the C function. Raises `TypeError` if arguments have wrong types."""
         if len(arguments) != len(self.kinds):
             raise TypeError(f"{self.__name__}: {len(arguments)} given; allowed: {len(self.kinds)} arguments")
-        found = self._function(*self._words(*arguments))
-        return bool(found) if self.result is bool else found
+        returned = self._function(*self._words(*arguments))
+        return bool(returned) if self.result is bool else returned
 
 
-def _refuse(given: Any, kind: Any, where: str) -> None:
+def _refuse(value: Any, kind: Any, where: str) -> None:
     """Refuse what is not of a struct's class."""
-    raise TypeError(f"{where}: {type(given).__name__} given; allowed: a {kind.__name__}")
+    raise TypeError(f"{where}: {type(value).__name__} given; allowed: a {kind.__name__}")
 
 
 def branching(functions: Sequence[Callable[..., Any]]) -> Any:
@@ -140,7 +140,7 @@ def branching(functions: Sequence[Callable[..., Any]]) -> Any:
     last = len(functions) - 1
     lines = [f"    if code == {i}:\n        return f{i}(*arguments)\n" for i in range(last)]
     source = f"def call(code, *arguments):\n{''.join(lines)}    return f{last}(*arguments)\n"
-    space: dict[str, Any] = {"__name__": __name__} | {f"f{i}": one for i, one in enumerate(functions)}
+    space: dict[str, Any] = {"__name__": __name__} | {f"f{i}": function for i, function in enumerate(functions)}
     exec(source, space)  # noqa: S102 (a call for each, in one function)
     return Kernel(space["call"])
 

@@ -63,7 +63,7 @@ def _code(code: types.CodeType, docstring: str | None) -> str:
     constants = list(code.co_consts)
     if docstring is not None and constants and constants[0] == docstring:
         constants[0] = None
-    parts = [_code(one, None) if isinstance(one, types.CodeType) else _constant(one) for one in constants]
+    parts = [_code(item, None) if isinstance(item, types.CodeType) else _constant(item) for item in constants]
     names = code.co_varnames, code.co_names, code.co_freevars, code.co_argcount, code.co_flags
     return f"{code.co_code.hex()} {names} {parts}"
 
@@ -73,7 +73,7 @@ def _constant(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return f"{type(value).__qualname__}({', '.join(map(_constant, value))})"
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{_constant(key)}: {_constant(one)}' for key, one in value.items())}}}"
+        return f"{{{', '.join(f'{_constant(key)}: {_constant(entry)}' for key, entry in value.items())}}}"
     if isinstance(value, (set, frozenset)):
         return f"{type(value).__qualname__}{sorted(map(_constant, value))}"
     if isinstance(value, np.dtype):
@@ -84,24 +84,24 @@ def _constant(value: Any) -> str:
     if name is not None:
         return f"{getattr(value, '__module__', '')}.{name}"
     kind = type(value)
-    told = kind.__module__ == "builtins" or kind.__module__.startswith("numba.")  # others may tell their address
-    return repr(value) if told else f"{kind.__module__}.{kind.__qualname__}"
+    stable = kind.__module__ == "builtins" or kind.__module__.startswith("numba.")  # others may tell their address
+    return repr(value) if stable else f"{kind.__module__}.{kind.__qualname__}"
 
 
 def globals_of(code: types.CodeType) -> set[str]:
     """Names of the globals that a function and its inner functions load: as `dis`, in a tenth of its time."""
-    found, extended = set(), 0
+    names, extended = set(), 0
     for operation, low in zip(code.co_code[::2], code.co_code[1::2], strict=True):
         argument = extended | low
         if operation == LOAD_GLOBAL:
-            found.add(code.co_names[argument >> SHIFT])
+            names.add(code.co_names[argument >> SHIFT])
         extended = argument << 8 if operation == dis.EXTENDED_ARG else 0
-    return found.union(*(globals_of(one) for one in code.co_consts if isinstance(one, types.CodeType)))
+    return names.union(*(globals_of(item) for item in code.co_consts if isinstance(item, types.CodeType)))
 
 
 def _mentioned(code: types.CodeType) -> set[str]:
     """Names of globals and attributes in a function and its inner functions."""
-    return set(code.co_names).union(*(_mentioned(one) for one in code.co_consts if isinstance(one, types.CodeType)))
+    return set(code.co_names).union(*(_mentioned(item) for item in code.co_consts if isinstance(item, types.CodeType)))
 
 
 @cache
@@ -207,12 +207,12 @@ class _Walk:
             self.texts.append(f"{module} {_file_hash(path)}")
 
     def _struct(self, kind: Any) -> None:
-        own: Any = next(
+        struct: Any = next(
             (k for k in (kind, *getattr(kind, "__args__", ())) if isinstance(k, type) and issubclass(k, Struct)), None
         )
-        if own is not None and id(own) not in self._seen:
-            self._seen.add(id(own))
-            self.texts.append(f"{own.__module__}.{own.__qualname__} {fingerprint(own)}")
+        if struct is not None and id(struct) not in self._seen:
+            self._seen.add(id(struct))
+            self.texts.append(f"{struct.__module__}.{struct.__qualname__} {fingerprint(struct)}")
 
 
 @cache

@@ -76,19 +76,19 @@ def type_of(kind: Any) -> Any:
 def _word(builder: Any, block: Any, at: int, kind: Any) -> Any:
     """A word of a block, which is constant while compiled code runs."""
     place = builder.gep(builder.bitcast(block, WHOLE.as_pointer()), [WHOLE(at)])
-    found = builder.load(builder.bitcast(place, kind.as_pointer()))
-    found.set_metadata("invariant.load", builder.module.add_metadata([]))
-    return found
+    word = builder.load(builder.bitcast(place, kind.as_pointer()))
+    word.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return word
 
 
 def _field(context: Any, builder: Any, block: Any, kind: Any, at: int) -> Any:
-    own = type_of(kind)
+    field_type = type_of(kind)
     if not isinstance(kind, Array):
         if kind is bool:
             return builder.trunc(_word(builder, block, at, ir.IntType(8)), ir.IntType(1))
-        return _word(builder, block, at, context.get_value_type(own))
-    array = context.make_array(own)(context, builder)
-    data = context.get_data_type(own.dtype).as_pointer()
+        return _word(builder, block, at, context.get_value_type(field_type))
+    array = context.make_array(field_type)(context, builder)
+    data = context.get_data_type(field_type.dtype).as_pointer()
     array.meminfo = array.parent = ir.Constant(POINTER, None)
     array.nitems, array.itemsize = _word(builder, block, at + 2, WHOLE), _word(builder, block, at + 3, WHOLE)
     array.data = _word(builder, block, at + 4, data)
@@ -105,8 +105,8 @@ class _Fields(AttributeTemplate):
     key = StructType
 
     def generic_resolve(self, struct: Any, name: str) -> Any:
-        found = layout(struct.cls).get(name)
-        return None if found is None or found[0] == HOST else type_of(found[0])
+        field = layout(struct.cls).get(name)
+        return None if field is None or field[0] == HOST else type_of(field[0])
 
 
 @lower_getattr_generic(StructType)
@@ -129,14 +129,14 @@ class _Len(AbstractTemplate):
 
 
 @lower_builtin(operator.getitem, TableType, types.int64)
-def _row(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-    place = builder.gep(builder.bitcast(given[0], POINTER.as_pointer()), [builder.add(given[1], WHOLE(1))])
+def _row(_context: Any, builder: Any, _signature: Any, operands: Any) -> Any:
+    place = builder.gep(builder.bitcast(operands[0], POINTER.as_pointer()), [builder.add(operands[1], WHOLE(1))])
     return builder.load(place)
 
 
 @lower_builtin(len, TableType)
-def _many(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-    return _word(builder, given[0], 0, WHOLE)
+def _many(_context: Any, builder: Any, _signature: Any, operands: Any) -> Any:
+    return _word(builder, operands[0], 0, WHOLE)
 
 
 @numba.extending.typeof_impl.register(Struct)
@@ -147,6 +147,6 @@ def _typeof(value: Any, _context: Any) -> Any:
 @unbox(StructType)
 def _unbox(_type: Any, value: Any, c: Any) -> Any:
     address = c.pyapi.object_getattr_string(value, "pointer")
-    found = c.builder.inttoptr(c.pyapi.long_as_longlong(address), POINTER)
+    pointer = c.builder.inttoptr(c.pyapi.long_as_longlong(address), POINTER)
     c.pyapi.decref(address)
-    return NativeValue(found)
+    return NativeValue(pointer)

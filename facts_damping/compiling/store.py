@@ -41,9 +41,9 @@ _code: dict[str, bytes] = {}  # object code that is read and not yet loaded, by 
 
 def home() -> Path:
     """The cache folder: NUMBA_CACHE_DIR if set, or a folder in the user's cache."""
-    given = os.environ.get("NUMBA_CACHE_DIR")
+    folder = os.environ.get("NUMBA_CACHE_DIR")
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(given) if given else Path(base) / "facts_damping" / "kernels"
+    return Path(folder) if folder else Path(base) / "facts_damping" / "kernels"
 
 
 def file_name(entry: EntryFunction) -> str:
@@ -113,14 +113,14 @@ def _is_there(entry: EntryFunction) -> bool:
 
 def _with_callees(entries: Iterable[EntryFunction]) -> dict[str, EntryFunction]:
     """Entry points and all that they call, directly or indirectly."""
-    found: dict[str, EntryFunction] = {}
+    by_symbol: dict[str, EntryFunction] = {}
     todo = list(entries)
     while todo:
-        one = todo.pop()
-        if one.symbol not in found:
-            found[one.symbol] = one
-            todo += callees(one)
-    return found
+        entry = todo.pop()
+        if entry.symbol not in by_symbol:
+            by_symbol[entry.symbol] = entry
+            todo += callees(entry)
+    return by_symbol
 
 
 def prepare(entries: Iterable[EntryFunction]) -> None:

@@ -64,7 +64,7 @@ WORD_TYPES = {float: "f8", int: "i8", bool: "i8"}
 def kind_of(hint: Any) -> Any:
     """The kind of a field or argument from its annotation: float, int, bool, an `Array`, a struct, a `Table`."""
     if typing.get_origin(hint) is Annotated:
-        return next(one for one in hint.__metadata__ if isinstance(one, Array) or one == HOST)
+        return next(kind for kind in hint.__metadata__ if isinstance(kind, Array) or kind == HOST)
     if is_numbers(hint):
         return hint
     if hint in WORD_TYPES or typing.get_origin(hint) is Table or (isinstance(hint, type) and issubclass(hint, Struct)):
@@ -99,8 +99,8 @@ def address_of(array: NDArray[Any]) -> int:
 def array_words(array: Any, kind: Array, where: str) -> tuple[int, ...]:
     """Words that describe an array. Raises `TypeError` if it has a wrong type."""
     if not isinstance(array, np.ndarray) or array.dtype != kind.dtype or array.ndim != kind.ndim:
-        given = f"{array.dtype}, {array.ndim} axes" if isinstance(array, np.ndarray) else type(array).__name__
-        raise TypeError(f"{where}: {given} given; allowed: an array of {np.dtype(kind.dtype)}, {kind.ndim} axes")
+        array_type = f"{array.dtype}, {array.ndim} axes" if isinstance(array, np.ndarray) else type(array).__name__
+        raise TypeError(f"{where}: {array_type} given; allowed: an array of {np.dtype(kind.dtype)}, {kind.ndim} axes")
     if not array.flags.c_contiguous:
         raise TypeError(f"{where}: an array with gaps given; allowed: contiguous")
     return (0, 0, array.size, array.itemsize, address_of(array), *array.shape, *array.strides)
@@ -126,14 +126,14 @@ class Struct:
 
     def __init__(self, *values: Any, **named: Any) -> None:
         cls: Any = type(self)
-        given = dict(zip(cls._fields, values, strict=False)) | named
-        if len(values) + len(named) != len(cls._fields) or set(given) != set(cls._fields):
-            raise TypeError(f"{cls.__name__}: {', '.join(given)} given; allowed: {', '.join(cls._fields)}")
+        named_values = dict(zip(cls._fields, values, strict=False)) | named
+        if len(values) + len(named) != len(cls._fields) or set(named_values) != set(cls._fields):
+            raise TypeError(f"{cls.__name__}: {', '.join(named_values)} given; allowed: {', '.join(cls._fields)}")
         block = np.zeros(size_of(cls), np.int64)
         self.__dict__["block"], self.__dict__["pointer"] = block, address_of(block)
         self.__dict__["complete"], self.__dict__["owners"] = False, []
         for name in cls._fields:
-            setattr(self, name, given[name])
+            setattr(self, name, named_values[name])
         self.__dict__["complete"] = True
         self._split()
 
@@ -142,16 +142,16 @@ class Struct:
         if self._each is not None and self.complete:
             many = next(len(value) for value in self if isinstance(value, np.ndarray))
             self.__dict__["each"] = rows = Table([self._row(i) for i in range(many)])
-            own: Any = type(self)
-            self.block[layout(own)["each"][1]] = rows.pointer
+            cls: Any = type(self)
+            self.block[layout(cls)["each"][1]] = rows.pointer
         for owner in self.owners:
-            if (one := owner()) is not None:
-                one._split()  # noqa: SLF001 (another of its kind)
+            if (parent := owner()) is not None:
+                parent._split()  # noqa: SLF001 (another of its kind)
 
     def _row(self, i: int) -> Struct:
-        own: Any = self._each
+        row_class: Any = self._each
         parts = ((value[i] if isinstance(value, np.ndarray) else value.each[i]) for value in self)
-        return own(*parts)  # type: ignore[no-any-return]
+        return row_class(*parts)  # type: ignore[no-any-return]
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Set a field, also in the block. Raises `TypeError` if it has a wrong type."""
@@ -218,16 +218,16 @@ class Table(Generic[S]):
 @cache
 def layout(cls: Any) -> dict[str, tuple[Any, int]]:
     """Kind of each field, and its position in the block, in words."""
-    found, at, hints = {}, 0, typing.get_type_hints(cls, include_extras=True)
+    fields, at, hints = {}, 0, typing.get_type_hints(cls, include_extras=True)
     for name in cls._fields:
         kind = kind_of(hints[name])
-        origin: Any = next(one for one in cls.__mro__ if name in inspect.get_annotations(one))
+        origin: Any = next(base_class for base_class in cls.__mro__ if name in inspect.get_annotations(base_class))
         of_row = cls._each is not None and origin._each is None  # noqa: SLF001 (another of its kind)
         if of_row and isinstance(kind, Array):
             kind = kind._replace(ndim=kind.ndim + 1)
-        found[name] = kind, at
+        fields[name] = kind, at
         at += kind.words if isinstance(kind, Array) else 1
-    return found | ({} if cls._each is None else {"each": (Table[cls._each], at)})
+    return fields | ({} if cls._each is None else {"each": (Table[cls._each], at)})
 
 
 @cache
@@ -239,13 +239,13 @@ def size_of(cls: Any) -> int:
 @cache
 def fingerprint(cls: Any) -> str:
     """A short hash of a struct's layout, with those of the structs in it: what is compiled for it depends on this."""
-    told = []
+    lines = []
     for name, (kind, at) in layout(cls).items():
         inside: list[Any] = [
-            one for one in (kind, *typing.get_args(kind)) if isinstance(one, type) and issubclass(one, Struct)
+            part for part in (kind, *typing.get_args(kind)) if isinstance(part, type) and issubclass(part, Struct)
         ]
-        told.append(f"{name} {at} {described(kind)} {[fingerprint(one) for one in inside]}")
-    return hashlib.sha256("\n".join(told).encode()).hexdigest()[:20]
+        lines.append(f"{name} {at} {described(kind)} {[fingerprint(struct) for struct in inside]}")
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:20]
 
 
 def described(kind: Any) -> Any:
@@ -256,5 +256,5 @@ def described(kind: Any) -> Any:
         return kind.__name__
     if is_numbers(kind):
         return f"{kind.__qualname__}{typing.get_type_hints(kind)}"
-    own = typing.get_args(kind)
-    return f"{typing.get_origin(kind) or kind}{own}"
+    type_arguments = typing.get_args(kind)
+    return f"{typing.get_origin(kind) or kind}{type_arguments}"

@@ -48,7 +48,7 @@ class _Passes(compiler.CompilerBase):
 
     def define_pipelines(self) -> list[Any]:
         manager = PassManager("kernels")
-        for one in (
+        for compiler_pass in (
             untyped_passes.TranslateByteCode,
             untyped_passes.FixupArgs,
             untyped_passes.IRProcessing,
@@ -60,7 +60,7 @@ class _Passes(compiler.CompilerBase):
             typed_passes.NativeLowering,
             typed_passes.NoPythonBackend,
         ):
-            manager.add_pass(one, one.__doc__ or "")
+            manager.add_pass(compiler_pass, compiler_pass.__doc__ or "")
         manager.finalize()
         return [manager]
 
@@ -69,24 +69,24 @@ register_model(StructType)(_Pointer)
 register_model(TableType)(_Pointer)
 
 
-def _without_literals(compile_: Callable[[Any], Any], given: Any) -> Any:
+def _without_literals(compile_: Callable[[Any], Any], argument_types: Any) -> Any:
     """Compile a function for integers once, not again for each literal in a call such as `f(x, 0)`."""
     plain: Any = types.unliteral
-    return compile_(tuple(map(plain, given)) if isinstance(given, tuple) else given)
+    return compile_(tuple(map(plain, argument_types)) if isinstance(argument_types, tuple) else argument_types)
 
 
 def _dispatcher(kernel: PartFunction, **options: Any) -> Any:
-    made: Any = numba.njit(**{**OPTIONS, "forceinline": kernel.inline, **options})(kernel.py_func)
-    made.compile = partial(_without_literals, made.compile)
-    return made
+    compiled: Any = numba.njit(**{**OPTIONS, "forceinline": kernel.inline, **options})(kernel.py_func)
+    compiled.compile = partial(_without_literals, compiled.compile)
+    return compiled
 
 
 def part(kernel: PartFunction) -> Any:
     """The type of a part: a function compiled by its callers and never called from Python."""
-    made = _dispatcher(kernel, no_cpython_wrapper=True, pipeline_class=_Passes)
-    made._insert = lambda *_, **__: None  # noqa: SLF001 (there is nothing that Python could call)
-    _dispatchers.append(made)
-    return types.Dispatcher(made)
+    compiled = _dispatcher(kernel, no_cpython_wrapper=True, pipeline_class=_Passes)
+    compiled._insert = lambda *_, **__: None  # noqa: SLF001 (there is nothing that Python could call)
+    _dispatchers.append(compiled)
+    return types.Dispatcher(compiled)
 
 
 def alone(kernel: PartFunction) -> Any:
@@ -101,11 +101,11 @@ def _signature_of(entry: EntryFunction) -> Any:
 
 def _c_type(context: Any, entry: EntryFunction) -> Any:
     """The C function's type: numbers, pointers and array descriptions side by side; a bool is a byte."""
-    own = _signature_of(entry)
-    flat = context.get_arg_packer(own.args).argument_types
-    result = {types.void: ir.VoidType(), types.boolean: ir.IntType(8)}.get(own.return_type)
-    result = result or context.get_value_type(own.return_type)
-    return ir.FunctionType(result, [ir.IntType(8) if one == ir.IntType(1) else one for one in flat])
+    typed = _signature_of(entry)
+    flat = context.get_arg_packer(typed.args).argument_types
+    result = {types.void: ir.VoidType(), types.boolean: ir.IntType(8)}.get(typed.return_type)
+    result = result or context.get_value_type(typed.return_type)
+    return ir.FunctionType(result, [ir.IntType(8) if llvm_type == ir.IntType(1) else llvm_type for llvm_type in flat])
 
 
 def _typed_intrinsic(name: str, define: Any) -> Any:
@@ -115,27 +115,27 @@ def _typed_intrinsic(name: str, define: Any) -> Any:
 
 def callee(entry: EntryFunction, address: Callable[[EntryFunction], int]) -> Any:
     """The type of an entry point for compiled callers: by its name, which the linker resolves after `address`."""
-    own = _signature_of(entry)
-    if len(own.args) == 0:
+    typed = _signature_of(entry)
+    if len(typed.args) == 0:
         raise TypeError(f"{entry.symbol}: no arguments; allowed: one or more")
 
-    def generate(context: Any, builder: Any, sig: Any, given: Any) -> Any:
+    def generate(context: Any, builder: Any, sig: Any, operands: Any) -> Any:
         if not _compiling:
             address(entry)
-        flat = list(context.get_arg_packer(sig.args).as_arguments(builder, given))
+        flat = list(context.get_arg_packer(sig.args).as_arguments(builder, operands))
         c_type = _c_type(context, entry)
         flat = [
-            builder.zext(one, to) if one.type == ir.IntType(1) else one
-            for one, to in zip(flat, c_type.args, strict=True)
+            builder.zext(operand, to) if operand.type == ir.IntType(1) else operand
+            for operand, to in zip(flat, c_type.args, strict=True)
         ]
         function = cgutils.get_or_insert_function(builder.module, c_type, entry.symbol)
-        found = builder.call(function, flat)
+        returned = builder.call(function, flat)
         if sig.return_type == types.boolean:
-            return builder.trunc(found, ir.IntType(1))
-        return context.get_dummy_value() if sig.return_type == types.void else found
+            return builder.trunc(returned, ir.IntType(1))
+        return context.get_dummy_value() if sig.return_type == types.void else returned
 
-    names = ", ".join(f"a{i}" for i in range(len(own.args)))
-    space: dict[str, Any] = {"made": (own, generate)}
+    names = ", ".join(f"a{i}" for i in range(len(typed.args)))
+    space: dict[str, Any] = {"made": (typed, generate)}
     exec(f"def define(context, {names}):\n    return made\n", space)  # noqa: S102 (Numba asks for the arguments' names)
     return _typed_intrinsic(entry.symbol, space["define"])
 
@@ -143,16 +143,16 @@ def callee(entry: EntryFunction, address: Callable[[EntryFunction], int]) -> Any
 def _call_address(_context: Any, _address: Any, _controller: Any, _now_ns: Any) -> Any:
     function = ir.FunctionType(WHOLE, [WHOLE, WHOLE])
 
-    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-        address, *others = given
+    def generate(_context: Any, builder: Any, _signature: Any, operands: Any) -> Any:
+        address, *others = operands
         return builder.call(builder.inttoptr(address, function.as_pointer()), others)
 
     return types.int64(types.int64, types.int64, types.int64), generate
 
 
-def _reinterpreted(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+def _reinterpreted(context: Any, builder: Any, call_signature: Any, operands: Any) -> Any:
     """The same 64 bits as a value of another type."""
-    return builder.bitcast(given[0], context.get_value_type(signature.return_type))
+    return builder.bitcast(operands[0], context.get_value_type(call_signature.return_type))
 
 
 def _bits_of(_context: Any, _number: Any) -> Any:
@@ -205,17 +205,17 @@ def object_code(entry: EntryFunction) -> bytes:
     context.allow_dynamic_globals, context.add_dynamic_addr = False, _no_address
     context.get_executable = lambda *_: object()  # nothing runs here; each is one of its own
     dispatcher._DispatcherBase.add_overload = _add_overload  # noqa: SLF001
-    own = _signature_of(entry)
+    typed = _signature_of(entry)
     flags = compiler.Flags()
     flags.nrt, flags.no_compile, flags.no_cpython_wrapper, flags.no_cfunc_wrapper = False, True, True, True
     flags.error_model, flags.boundscheck = "numpy", keys.checks_bounds()
     flags.enable_pyobject = flags.force_pyobject = False
-    made = compiler.compile_extra(
-        typing_context, context, entry.py_func, own.args, own.return_type, flags, {}, pipeline_class=_Passes
+    compiled = compiler.compile_extra(
+        typing_context, context, entry.py_func, typed.args, typed.return_type, flags, {}, pipeline_class=_Passes
     )
-    library = made.library
+    library = compiled.library
     module = library.create_ir_module(entry.symbol)
-    _write_c_function(context, module, made.fndesc, entry)
+    _write_c_function(context, module, compiled.fndesc, entry)
     library.add_ir_module(module)
     library.finalize()
     final = library._final_module  # noqa: SLF001
@@ -229,22 +229,22 @@ def object_code(entry: EntryFunction) -> bytes:
 
 
 def _write_c_function(context: Any, module: Any, description: Any, entry: EntryFunction) -> None:
-    own, c_type = _signature_of(entry), _c_type(context, entry)
+    typed, c_type = _signature_of(entry), _c_type(context, entry)
     function = ir.Function(module, c_type, entry.symbol)
     builder = ir.IRBuilder(function.append_basic_block())
     packer = context.get_arg_packer(description.argtypes)
-    given = [
-        builder.trunc(one, to) if to == ir.IntType(1) else one
-        for one, to in zip(function.args, packer.argument_types, strict=True)
+    operands = [
+        builder.trunc(operand, to) if to == ir.IntType(1) else operand
+        for operand, to in zip(function.args, packer.argument_types, strict=True)
     ]
     inner = context.declare_function(module, description)
-    status, found = context.call_conv.call_function(
-        builder, inner, description.restype, description.argtypes, packer.from_arguments(builder, given)
+    status, returned = context.call_conv.call_function(
+        builder, inner, description.restype, description.argtypes, packer.from_arguments(builder, operands)
     )
     if keys.checks_bounds():
         with builder.if_then(status.is_error):
             builder.call(ir.Function(module, ir.FunctionType(ir.VoidType(), []), "llvm.trap"), [])
-    if own.return_type == types.void:
+    if typed.return_type == types.void:
         builder.ret_void()
     else:
-        builder.ret(builder.zext(found, ir.IntType(8)) if own.return_type == types.boolean else found)
+        builder.ret(builder.zext(returned, ir.IntType(8)) if typed.return_type == types.boolean else returned)

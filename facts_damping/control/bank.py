@@ -84,7 +84,7 @@ class Known(NamedTuple):
     observer: StateSpace | None = None  # None: without one
 
 
-def bank(
+def build_bank(
     controllers: Sequence[Controller], wiring: Wiring, known: Sequence[Known], seed: int = 0
 ) -> tuple[Bank, BankState]:
     """Build the controllers of a run; `known`: of each; `seed`: of the run."""
@@ -93,7 +93,7 @@ def bank(
     nets = [controller_network(c) for c in controllers]
     max_signals = max([len(c.signals) for c in controllers], default=0)
     max_devices = max([len(c.devices) for c in controllers], default=0)
-    given, held = inputs([c.signals for c in controllers], wiring.signals, wiring.pmus, wiring.nominal)
+    receivers, held = inputs([c.signals for c in controllers], wiring.signals, wiring.pmus, wiring.nominal)
     names = [controller.compensation for controller in controllers]
     optimal, estimate = state_spaces([row.observer for row in known], max_signals, max_devices)
     compensation, compensated = compensators(names, [row.omega for row in known], max_signals)
@@ -102,7 +102,7 @@ def bank(
         law=np.array([table.LAWS.index(k.law) if k.law else 0 for k in kinds], np.int64),
         settings=np.zeros((n, max(max_signals, max_devices)), table.SETTINGS),
         mode_shape=np.ones((n, max_signals)),
-        inputs=given,
+        inputs=receivers,
         compensators=compensation,
         shape=np.array(nets, np.int64).reshape(n, len(Network._fields)),
         sensitivity=np.zeros((n, max_signals, max_devices)),
@@ -155,13 +155,13 @@ def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing
     A single value holds for every device. For a parameter of signals it holds for the first signal, and `swing`, the
     signals' swing relative to the first, scales it for the others.
     """
-    found = parameter.number(value)
+    number = parameter.number(value)
     if parameter.each == "signal" and not isinstance(value, list):
-        found = np.asarray(found) * swing
-    if np.ndim(found) == 0:
-        rows[name] = found
+        number = np.asarray(number) * swing
+    if np.ndim(number) == 0:
+        rows[name] = number
     else:
-        rows[name][: np.size(found)] = found
+        rows[name][: np.size(number)] = number
 
 
 def controller_network(controller: Controller) -> Network:
@@ -196,24 +196,24 @@ def pull(known: PlantPrior, s: NDArray[Any]) -> Float1:
     swing = over(known.mode_shape, s["scale"])
     steps = over(times(known.mode_shape, change), s["change_scale"])
     phasors = np.column_stack([swing, steps]).ravel()
-    found = [cos(angle) for angle in angles(over(phasors, phasors[0] + phasors[1])).tolist()]
-    return np.array([1.0, 1.0, *found[2:]])
+    weights = [cos(angle) for angle in angles(over(phasors, phasors[0] + phasors[1])).tolist()]
+    return np.array([1.0, 1.0, *weights[2:]])
 
 
 @entry_point
 def _neuro_fuzzy(bank: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
     net, s = shape_of(bank.shape[c]), bank.settings[c]
-    own = Adaptive(net, state.learner.each[c], state.memory.each[c], s, bank.actuators.each[c])
+    adaptive = Adaptive(net, state.learner.each[c], state.memory.each[c], s, bank.actuators.each[c])
     for i in range(net.inputs // 2):
         for d in range(net.outputs):
             sign = bank.sensitivity[c, i, d]
             estimate = state.jacobian[c, i, d] * bank.actuators.limit[c, d] / s[i].scale
             if s[0].sign_guard > 0.0 and estimate * sign < 0.0:
                 estimate = 0.0
-            own.memory.jacobian[i, d] = sign if bank.code[c] == table.DIRECT else estimate
+            adaptive.memory.jacobian[i, d] = sign if bank.code[c] == table.DIRECT else estimate
     frames = 0 if since_ns == 0 else max(1, round(since_ns / bank.period_ns[c]))
     stale = s[0].stale > 0.0 and age_ns * 1e-9 > s[0].stale
-    neuro_fuzzy.step(own, state.compensated.signal[c], state.unlimited[c], since_ns * 1e-9, frames, stale)
+    neuro_fuzzy.step(adaptive, state.compensated.signal[c], state.unlimited[c], since_ns * 1e-9, frames, stale)
 
 
 @compiled

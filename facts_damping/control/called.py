@@ -32,23 +32,23 @@ def sensed(receivers: int, signals: int, pmus: int) -> Sensed:
 
 
 @compiled
-def _newest(given: Inputs, held: LatestSamples, stamps: Int2, r: int, i: int) -> int:
+def _newest(receivers: Inputs, held: LatestSamples, stamps: Int2, r: int, i: int) -> int:
     """Newest time of measurement of the PMUs of signal i; `stamps`: (receivers, PMUs)."""
     newest = UNSET
-    for s in range(given.weight.shape[2]):
-        if given.weight[r, i, s] != 0.0:
+    for s in range(receivers.weight.shape[2]):
+        if receivers.weight[r, i, s] != 0.0:
             newest = max(newest, stamps[r, held.source[r, i, s]])
     return newest
 
 
 @compiled
-def look(given: Inputs, held: LatestSamples, of: Sensed, r: int, now_ns: int) -> None:
+def look(receivers: Inputs, held: LatestSamples, of: Sensed, r: int, now_ns: int) -> None:
     """Update the age of receiver r's signals at a time, and which are new since the previous call."""
-    for i in range(given.signals[r]):
-        of.age[r, i], of.fresh[r, i] = (now_ns - _newest(given, held, held.entry_ns, r, i)) * 1e-9, False
-        for s in range(given.weight.shape[2]):
+    for i in range(receivers.signals[r]):
+        of.age[r, i], of.fresh[r, i] = (now_ns - _newest(receivers, held, held.entry_ns, r, i)) * 1e-9, False
+        for s in range(receivers.weight.shape[2]):
             source = held.source[r, i, s]
-            if given.weight[r, i, s] != 0.0 and held.entry_ns[r, source] != of.taken_ns[r, source]:
+            if receivers.weight[r, i, s] != 0.0 and held.entry_ns[r, source] != of.taken_ns[r, source]:
                 of.fresh[r, i] = True
     for s in range(of.taken_ns.shape[1]):
         of.taken_ns[r, s] = held.entry_ns[r, s]
@@ -56,7 +56,7 @@ def look(given: Inputs, held: LatestSamples, of: Sensed, r: int, now_ns: int) ->
 
 @entry_point
 def sense(
-    given: Inputs, held: LatestSamples, of: Sensed, r: int, delivered: Deliveries, count: int, end_ns: int
+    receivers: Inputs, held: LatestSamples, of: Sensed, r: int, delivered: Deliveries, count: int, end_ns: int
 ) -> bool:
     """Process the entries of a tick for receiver r, as a controller does; returns whether a controller would act.
 
@@ -65,14 +65,14 @@ def sense(
     i, last = 0, UNSET
     while i < count:
         arrival = delivered[i].arrival_ns
-        i = ingest(given, held, r, delivered, i, count)
-        if compute_signals(given, held, r) >= 0:
+        i = ingest(receivers, held, r, delivered, i, count)
+        if compute_signals(receivers, held, r) >= 0:
             last = arrival
     if last != UNSET:
-        look(given, held, of, r, last)
+        look(receivers, held, of, r, last)
     elif held.newest_ns[r] != UNSET:
-        for j in range(given.signals[r]):
-            of.age[r, j], of.fresh[r, j] = (end_ns - _newest(given, held, of.taken_ns, r, j)) * 1e-9, False
+        for j in range(receivers.signals[r]):
+            of.age[r, j], of.fresh[r, j] = (end_ns - _newest(receivers, held, of.taken_ns, r, j)) * 1e-9, False
     return last != UNSET
 
 
@@ -87,17 +87,17 @@ class Calls(Struct):
 
 def calls(controllers: int, signals: int, pmus: int) -> Calls:
     """Calls of `controllers` controllers, without functions."""
-    made = sensed(controllers, signals, pmus)
+    state = sensed(controllers, signals, pmus)
     failed, once = np.zeros((2, controllers), np.bool_)
-    return Calls(np.zeros(controllers, np.int64), failed, once, made)
+    return Calls(np.zeros(controllers, np.int64), failed, once, state)
 
 
 @compiled
-def call(given: Inputs, held: LatestSamples, of: Calls, c: int, now_ns: int) -> bool:
+def call(receivers: Inputs, held: LatestSamples, of: Calls, c: int, now_ns: int) -> bool:
     """Call controller c to compute setpoints at an arrival; returns False if it has failed."""
     if of.address[c] == 0 or of.failed[c]:
         of.failed[c] = True
         return False
-    look(given, held, of.sensed, c, now_ns)
+    look(receivers, held, of.sensed, c, now_ns)
     of.failed[c] = call_address(of.address[c], c, now_ns) != 0
     return not of.failed[c]

@@ -63,7 +63,7 @@ def compensators(names: Sequence[str], omega: Sequence[float], signals: int) -> 
     """Compensators by name, at rest; `omega`: rad/s of each controller's mode; `signals`: most of a controller."""
     n = len(names)
     codes = COMPENSATIONS | OF_IDENTIFIERS
-    made = Compensators(np.array([codes[name] for name in names], np.int64), np.array(omega, np.float64))
+    constants = Compensators(np.array([codes[name] for name in names], np.int64), np.array(omega, np.float64))
     state = Compensated(
         latency=np.zeros(n),
         sections=np.zeros((n, signals, 2 * SECTIONS)),
@@ -72,38 +72,38 @@ def compensators(names: Sequence[str], omega: Sequence[float], signals: int) -> 
         change_ns=np.full(n, UNSET, np.int64),
         signal=np.full((n, signals), np.nan),
     )
-    return made, state
+    return constants, state
 
 
 @compiled
 def compensate(
-    compensators: Compensators, state: Compensated, c: int, s: Any, given: Float1, newest_ns: int, age: float, dt: float
+    constants: Compensators, state: Compensated, c: int, s: Any, signals: Float1, newest_ns: int, age: float, dt: float
 ) -> None:
-    """Compensate the signals `given` of controller c at a frame; result in `state.signal[c]`.
+    """Compensate the signals `signals` of controller c at a frame; result in `state.signal[c]`.
 
     `s`: its settings (latency_filter, down_delay, phasor_rate); `newest_ns`: time of measurement; `age`: s from
     measurement to arrival; `dt`: s since the frame before, 0 at the first. Without a recent prediction, the method
     `prediction` leaves signals as measured.
     """
-    for i in range(given.size):
-        state.signal[c, i] = given[i]
-    if compensators.code[c] == NONE:
+    for i in range(signals.size):
+        state.signal[c, i] = signals[i]
+    if constants.code[c] == NONE:
         return
-    if compensators.code[c] == PREDICTION:
+    if constants.code[c] == PREDICTION:
         held = newest_ns - state.change_ns[c] <= HELD_NS
-        for i in range(given.size):
+        for i in range(signals.size):
             change = state.change[c, i]
             if held and math.isfinite(change) and change != 0.0:
                 state.signal[c, i] += change
         return
     fraction = 1.0 if dt <= 0.0 or s.latency_filter <= 0.0 else 1.0 - exp(-dt / s.latency_filter)
     state.latency[c] += fraction * (age - state.latency[c])
-    phase = compensators.omega[c] * max(0.0, state.latency[c] + s.down_delay)
-    for i in range(given.size):
-        if compensators.code[c] == LEAD:
-            state.signal[c, i] = lead(compensators.omega[c], phase, state.sections[c, i], given[i], dt)
+    phase = constants.omega[c] * max(0.0, state.latency[c] + s.down_delay)
+    for i in range(signals.size):
+        if constants.code[c] == LEAD:
+            state.signal[c, i] = lead(constants.omega[c], phase, state.sections[c, i], signals[i], dt)
         else:
-            state.signal[c, i] = phasor(compensators.omega[c], phase, s.phasor_rate, state.phasor[c, i], given[i], dt)
+            state.signal[c, i] = phasor(constants.omega[c], phase, s.phasor_rate, state.phasor[c, i], signals[i], dt)
 
 
 @compiled

@@ -33,17 +33,17 @@ class Faults(Struct):
     chance: Float2  # (controllers, CHANCES): normal random numbers; empty without faults
 
 
-def faults(given: Sequence[Sequence[ControllerFault]], frame_rate: int, seed: int) -> Faults:
+def faults(lists: Sequence[Sequence[ControllerFault]], frame_rate: int, seed: int) -> Faults:
     """Build the faults of all controllers, in order for each."""
-    maximum = max(map(len, given), default=0)
-    rows = np.zeros((len(given), maximum), FAULT)
-    for c, own in enumerate(given):
-        for row, one in zip(rows[c], own, strict=False):
-            row["kind"], row["size"] = KINDS.index(one.kind), SIZED.get(one.kind, 0.0) if one.size is None else one.size
-            row["first"] = math.ceil(one.start * frame_rate)
-            over = np.inf if one.duration is None else math.ceil((one.start + one.duration) * frame_rate)
+    maximum = max(map(len, lists), default=0)
+    rows = np.zeros((len(lists), maximum), FAULT)
+    for c, listed in enumerate(lists):
+        for row, f in zip(rows[c], listed, strict=False):
+            row["kind"], row["size"] = KINDS.index(f.kind), SIZED.get(f.kind, 0.0) if f.size is None else f.size
+            row["first"] = math.ceil(f.start * frame_rate)
+            over = np.inf if f.duration is None else math.ceil((f.start + f.duration) * frame_rate)
             row["end"] = min(over, np.iinfo(np.int64).max)
-    chance = random_numbers.standard_normal(np.random.default_rng((seed, 4)), (len(given), CHANCES if maximum else 0))
+    chance = random_numbers.standard_normal(np.random.default_rng((seed, 4)), (len(lists), CHANCES if maximum else 0))
     return Faults(rows, chance)
 
 

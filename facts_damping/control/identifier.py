@@ -48,18 +48,18 @@ def identifiers(rows: Sequence[Identified], wiring: Wiring) -> tuple[Identifiers
         predictor_network(row.kind, len(row.signals), len(row.devices), o) for row, o in zip(rows, order, strict=True)
     ]
     starts = [start(net, row) if row.weights is None else row.weights for net, row in zip(nets, rows, strict=True)]
-    given, held = inputs([row.signals for row in rows], wiring.signals, wiring.pmus, wiring.nominal)
+    receivers, held = inputs([row.signals for row in rows], wiring.signals, wiring.pmus, wiring.nominal)
     loop_delay_ns = np.array([to_ns(float(row.settings["loop_delay"][0])) for row in rows], np.int64)
     horizon = np.array([int(row.settings["identifier_horizon"][0]) for row in rows], np.int64)
     ahead_ns = np.where([row.predicts for row in rows], loop_delay_ns, UNSET)
     back = int((horizon + span).max(initial=1))
     loop_delay = int(loop_delay_ns.max(initial=0)) * wiring.frame_rate // NANOSECONDS
-    kept = loop_delay + back + SPARE
-    made = Identifiers(
+    depth = loop_delay + back + SPARE
+    ids = Identifiers(
         controller=np.array([row.controller for row in rows], np.int64),
         settings=np.zeros((n, max(outputs, maximum)), SETTINGS),
         shape=np.array(nets, np.int64).reshape(n, len(Network._fields)),
-        inputs=given,
+        inputs=receivers,
         device=np.full((n, maximum), UNSET, np.int64),
         limit=np.ones((n, maximum)),
         loop_delay_ns=loop_delay_ns,
@@ -75,8 +75,8 @@ def identifiers(rows: Sequence[Identified], wiring: Wiring) -> tuple[Identifiers
         past=np.zeros((n, back + 1, outputs)),
         past_ns=np.full((n, back + 1), UNSET, np.int64),
         newest=np.zeros(n, np.int64),
-        given_ns=np.full((n, maximum, kept), UNSET, np.int64),
-        given=np.zeros((n, maximum, kept)),
+        given_ns=np.full((n, maximum, depth), UNSET, np.int64),
+        given=np.zeros((n, maximum, depth)),
         at=np.zeros((n, maximum), np.int64),
         deviation=np.zeros((n, outputs)),
         curvature=np.ones((n, outputs)),
@@ -89,12 +89,12 @@ def identifiers(rows: Sequence[Identified], wiring: Wiring) -> tuple[Identifiers
         jacobian=np.full((n, outputs, maximum), np.nan),
     )
     for i, row in enumerate(rows):
-        size = min(made.settings.shape[1], len(row.settings))
-        made.settings[i, :size] = row.settings[:size]
-        made.device[i, : len(row.devices)] = row.devices
-        made.limit[i, : len(row.devices)] = row.limits
-        _first(made, state, i)
-    return made, state
+        size = min(ids.settings.shape[1], len(row.settings))
+        ids.settings[i, :size] = row.settings[:size]
+        ids.device[i, : len(row.devices)] = row.devices
+        ids.limit[i, : len(row.devices)] = row.limits
+        _first(ids, state, i)
+    return ids, state
 
 
 @compiled
@@ -135,7 +135,7 @@ def _learn(ids: Identifiers, state: IdentifierState, n: int) -> None:
     Skipped if a frame or setpoint is missing.
     """
     net, s, now = shape_of(ids.shape[n]), ids.settings[n], state.held.newest_ns[n]
-    own, p = state.learner.each[n], shape_of(ids.shape[n]).outputs
+    learner, p = state.learner.each[n], shape_of(ids.shape[n]).outputs
     elapsed = 0
     for k in range(ids.order[n]):
         before = frame_before(ids, state, n, now, ids.horizon[n] + k * ids.span[n])
@@ -143,20 +143,20 @@ def _learn(ids: Identifiers, state: IdentifierState, n: int) -> None:
             return
         elapsed = elapsed if k else now - state.past_ns[n, before]
         for j in range(p):
-            own.x[k * p + j] = state.past[n, before, j] / s[j].scale
-    fill(own.x[ids.order[n] * p : net.inputs], ids, state, n, now, elapsed)
-    _evaluate(net, own, ids, state, n)
+            learner.x[k * p + j] = state.past[n, before, j] / s[j].scale
+    fill(learner.x[ids.order[n] * p : net.inputs], ids, state, n, now, elapsed)
+    _evaluate(net, learner, ids, state, n)
     for j in range(net.outputs):
-        state.prediction[n, j] = own.passed.output[j] * s[j].scale
+        state.prediction[n, j] = learner.passed.output[j] * s[j].scale
         state.error[n, j] = state.prediction[n, j] - state.held.signal[n, j]
         state.deviation[n, j] = -state.error[n, j] / s[j].scale
     g = s[0]
     rule = Rule(g.identifier_rate, g.identifier_eta, g.identifier_momentum, g.identifier_leakage, g.clip, g.projection)
-    learn(net, own, rule, state.deviation[n], state.curvature[n])
+    learn(net, learner, rule, state.deviation[n], state.curvature[n])
     now_is = then = 0.0
     for j in range(net.outputs):
         now_is += 0.5 * state.deviation[n, j] ** 2
-        then += 0.5 * (state.deviation[n, j] - own.moved[j]) ** 2
+        then += 0.5 * (state.deviation[n, j] - learner.moved[j]) ** 2
     state.lyapunov[n, 0], state.lyapunov[n, 1] = now_is, now_is - then
 
 

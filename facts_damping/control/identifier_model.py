@@ -93,8 +93,8 @@ def predictor_network(kind: str, signals: int, devices: int, order: int = 1) -> 
     With several outputs the consequents are affine (6.9).
     """
     antecedent, consequent = IDENTIFIERS[kind]
-    own = MIMO_FORM.get(consequent, consequent) if signals * devices * order > 1 else consequent
-    return network(antecedent, own, signals * order + devices, 2, signals)
+    form = MIMO_FORM.get(consequent, consequent) if signals * devices * order > 1 else consequent
+    return network(antecedent, form, signals * order + devices, 2, signals)
 
 
 def start(net: Network, row: Identified) -> Float1:
@@ -134,12 +134,12 @@ def _ahead(past: Complex1, later: Complex1) -> Float2:
     """
     turn = rect(1.0, -0.5 * phase(complex(times(past, past).sum())))
     past, later = times(past, turn), times(later, turn)
-    made = np.zeros((len(later), len(past)))
-    for own, to in ((past.real, later.real), (past.imag, later.imag)):
-        size = (own * own).sum()
+    prediction = np.zeros((len(later), len(past)))
+    for part, to in ((past.real, later.real), (past.imag, later.imag)):
+        size = (part * part).sum()
         if size > FLAT**2 * (np.abs(past) ** 2).sum():
-            made += to[:, None] * own / size
-    return made
+            prediction += to[:, None] * part / size
+    return prediction
 
 
 def _linear_start(net: Network, slopes: Float2) -> Float1:

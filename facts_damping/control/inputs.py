@@ -77,13 +77,13 @@ class Wiring(NamedTuple):
 
 
 def inputs(
-    given: Sequence[Sequence[str]], signals: Mapping[str, Signal], pmus: Sequence[str], nominal: float = 60.0
+    wanted: Sequence[Sequence[str]], signals: Mapping[str, Signal], pmus: Sequence[str], nominal: float = 60.0
 ) -> tuple[Inputs, LatestSamples]:
     """Build receivers of signals given by name, without data; `nominal`: frequency, Hz."""
-    n, maximum = len(given), max([len(names) for names in given], default=0)
-    backups = [len(own) for names in given for name in names for own in signals[name].backups.values()]
-    made = Inputs(
-        signals=np.array([len(names) for names in given], np.int64),
+    n, maximum = len(wanted), max([len(names) for names in wanted], default=0)
+    backups = [len(others) for names in wanted for name in names for others in signals[name].backups.values()]
+    receivers = Inputs(
+        signals=np.array([len(names) for names in wanted], np.int64),
         channel=np.zeros((n, maximum), np.int64),
         weight=np.zeros((n, maximum, len(pmus))),
         offset=np.zeros((n, maximum)),
@@ -93,32 +93,32 @@ def inputs(
         washout=np.zeros((n, maximum)),
         nominal=nominal,
     )
-    for r, names in enumerate(given):
+    for r, names in enumerate(wanted):
         for i, name in enumerate(names):
             signal = signals[name]
-            made.channel[r, i] = list(CHANNELS).index(signal.channel)
-            made.deviation[r, i] = signal.deviation
-            made.washout[r, i] = signal.washout
-            made.angle[r, i] = made.channel[r, i] in ANGLES
-            made.weight[r, i] = pmu_weights(signal, pmus, nominal)
+            receivers.channel[r, i] = list(CHANNELS).index(signal.channel)
+            receivers.deviation[r, i] = signal.deviation
+            receivers.washout[r, i] = signal.washout
+            receivers.angle[r, i] = receivers.channel[r, i] in ANGLES
+            receivers.weight[r, i] = pmu_weights(signal, pmus, nominal)
             if signal.channel == "frequency":
-                made.offset[r, i] = nominal * made.weight[r, i].sum()
-            for pmu, own in signal.backups.items():
-                made.backup[r, i, pmus.index(pmu), : len(own)] = [pmus.index(one) for one in own]
+                receivers.offset[r, i] = nominal * receivers.weight[r, i].sum()
+            for pmu, others in signal.backups.items():
+                receivers.backup[r, i, pmus.index(pmu), : len(others)] = [pmus.index(other) for other in others]
     held = LatestSamples(
         entry=np.full((n, len(pmus), len(CHANNELS)), np.nan),
         entry_ns=np.full((n, len(pmus)), UNSET, np.int64),
         same_ns=np.full((n, len(pmus)), UNSET, np.int64),
         status=np.zeros((n, len(pmus)), np.int64),
         source=np.tile(np.arange(len(pmus)), (n, maximum, 1)),
-        uses=(made.weight != 0.0).any(axis=1),
+        uses=(receivers.weight != 0.0).any(axis=1),
         begun_ns=np.full(n, UNSET, np.int64),
         newest_ns=np.full(n, UNSET, np.int64),
         baseline=np.full((n, maximum), np.nan),
         washed=np.zeros((n, maximum, 2)),
         signal=np.full((n, maximum), np.nan),
     )
-    return made, held
+    return receivers, held
 
 
 def pmu_weights(signal: Signal, pmus: Sequence[str], nominal: float) -> Float1:
@@ -137,47 +137,47 @@ class Candidates(NamedTuple):
     candidates: Int2  # (rows, 1 + most backups): the PMU itself, its backups; UNSET: none
 
 
-def candidates(given: Inputs, r: int) -> Candidates:
+def candidates(receivers: Inputs, r: int) -> Candidates:
     """PMUs of receiver r's signals and their backups."""
-    signal, pmu = np.nonzero(given.weight[r])
-    return Candidates(signal, pmu, np.column_stack([pmu, given.backup[r, signal, pmu]]))
+    signal, pmu = np.nonzero(receivers.weight[r])
+    return Candidates(signal, pmu, np.column_stack([pmu, receivers.backup[r, signal, pmu]]))
 
 
 def sources(of: Candidates, held: LatestSamples, r: int) -> Int1:
     """Whose data count for each row of `of`: 0: those of the PMU itself, 1: of its first backup, and so on."""
-    found = held.source[r, of.signal, of.pmu]
-    return np.asarray((of.candidates == found[:, None]).argmax(axis=1))
+    used_pmu = held.source[r, of.signal, of.pmu]
+    return np.asarray((of.candidates == used_pmu[:, None]).argmax(axis=1))
 
 
 @compiled
-def clear(given: Inputs, held: LatestSamples, r: int) -> None:
+def clear(receivers: Inputs, held: LatestSamples, r: int) -> None:
     """Forget all data of receiver r; each PMU of its signals is its own source."""
     held.entry[r], held.entry_ns[r], held.begun_ns[r], held.newest_ns[r] = math.nan, UNSET, UNSET, UNSET
     held.same_ns[r], held.status[r], held.uses[r] = UNSET, 0, False
     held.baseline[r], held.washed[r], held.signal[r] = math.nan, 0.0, math.nan
-    for i in range(given.signals[r]):
-        for s in range(given.weight.shape[2]):
+    for i in range(receivers.signals[r]):
+        for s in range(receivers.weight.shape[2]):
             held.source[r, i, s] = s
-            if given.weight[r, i, s] != 0.0:
+            if receivers.weight[r, i, s] != 0.0:
                 held.uses[r, s] = True
 
 
 @compiled
-def ingest(given: Inputs, held: LatestSamples, r: int, delivered: NDArray[Any], first: int, count: int) -> int:
+def ingest(receivers: Inputs, held: LatestSamples, r: int, delivered: NDArray[Any], first: int, count: int) -> int:
     """Store all entries of the arrival of entry `first` that are newer; returns the index after the last."""
     i, arrival = first, delivered[first].arrival_ns
     while i < count and delivered[i].arrival_ns == arrival:
         if delivered[i].measured_ns > held.entry_ns[r, delivered[i].pmu]:
-            _store(given, held, r, delivered[i])
+            _store(receivers, held, r, delivered[i])
         i += 1
     return i
 
 
 @compiled
-def _store(given: Inputs, held: LatestSamples, r: int, entry: Any) -> None:
+def _store(receivers: Inputs, held: LatestSamples, r: int, entry: Any) -> None:
     """Store a PMU's newer entry, and since when it repeats its values."""
     before_ns, latest = held.entry_ns[r, entry.pmu], held.entry[r, entry.pmu]
-    same = before_ns != UNSET and abs(entry.values[FREQUENCY] - given.nominal) > STILL_HZ
+    same = before_ns != UNSET and abs(entry.values[FREQUENCY] - receivers.nominal) > STILL_HZ
     for j in range(latest.size):
         value = entry.values[j] if abs(entry.values[j]) < IMPLAUSIBLE else math.nan
         same = same and (value == latest[j] or (math.isnan(value) and math.isnan(latest[j])))
@@ -190,7 +190,7 @@ def _store(given: Inputs, held: LatestSamples, r: int, entry: Any) -> None:
 
 
 @compiled
-def _select(given: Inputs, held: LatestSamples, r: int) -> None:
+def _select(receivers: Inputs, held: LatestSamples, r: int) -> None:
     """Select the source of each PMU of the signals: itself or a backup."""
     newest = UNSET
     for s in range(held.entry_ns.shape[1]):
@@ -198,14 +198,14 @@ def _select(given: Inputs, held: LatestSamples, r: int) -> None:
     if held.newest_ns[r] == UNSET and newest - held.begun_ns[r] <= BEGIN_NS:
         return
     held.uses[r] = False
-    for i in range(given.signals[r]):
-        channel = given.channel[r, i]
-        for s in range(given.weight.shape[2]):
-            if given.weight[r, i, s] == 0.0:
+    for i in range(receivers.signals[r]):
+        channel = receivers.channel[r, i]
+        for s in range(receivers.weight.shape[2]):
+            if receivers.weight[r, i, s] == 0.0:
                 continue
             if not _good(held, r, held.source[r, i, s], channel, newest):
-                for k in range(-1, given.backup.shape[3]):
-                    other = s if k < 0 else given.backup[r, i, s, k]
+                for k in range(-1, receivers.backup.shape[3]):
+                    other = s if k < 0 else receivers.backup[r, i, s, k]
                     if other != UNSET and _good(held, r, other, channel, newest):
                         held.source[r, i, s] = other
                         break
@@ -221,30 +221,30 @@ def _good(held: LatestSamples, r: int, s: int, channel: int, newest: int) -> boo
 
 
 @compiled
-def compute_signals(given: Inputs, held: LatestSamples, r: int) -> int:
+def compute_signals(receivers: Inputs, held: LatestSamples, r: int) -> int:
     """Form the signals if one of their PMUs has a newer frame than all before, and all signals are available.
 
     Returns the time since the frame before, ns; 0 for the first frame; -1 if nothing is new.
     """
     before = newest = held.newest_ns[r]
-    if given.backup.shape[3] > 0:
-        _select(given, held, r)
+    if receivers.backup.shape[3] > 0:
+        _select(receivers, held, r)
     for s in range(held.entry_ns.shape[1]):
         if held.uses[r, s]:
             newest = max(newest, held.entry_ns[r, s])
-    if newest <= before or not _sum(given, held, r):
+    if newest <= before or not _sum(receivers, held, r):
         return -1
     held.newest_ns[r] = newest
     since = 0 if before == UNSET else newest - before
-    _wash(given, held, r, since * 1e-9)
+    _wash(receivers, held, r, since * 1e-9)
     return since
 
 
 @compiled
-def _wash(given: Inputs, held: LatestSamples, r: int, dt: float) -> None:
+def _wash(receivers: Inputs, held: LatestSamples, r: int, dt: float) -> None:
     """Step the washouts by `dt`, s; `dt` = 0 at the first frame: they start at rest."""
-    for i in range(given.signals[r]):
-        tau, value = given.washout[r, i], held.signal[r, i]
+    for i in range(receivers.signals[r]):
+        tau, value = receivers.washout[r, i], held.signal[r, i]
         if tau > 0.0 and dt <= 0.0:
             held.washed[r, i, 0], held.washed[r, i, 1], held.signal[r, i] = value, 0.0, 0.0
         elif tau > 0.0:
@@ -252,18 +252,18 @@ def _wash(given: Inputs, held: LatestSamples, r: int, dt: float) -> None:
 
 
 @compiled
-def _sum(given: Inputs, held: LatestSamples, r: int) -> bool:
+def _sum(receivers: Inputs, held: LatestSamples, r: int) -> bool:
     """Compute the weighted sums of the newest entries; returns whether all are available."""
     complete = True
-    for i in range(given.signals[r]):
+    for i in range(receivers.signals[r]):
         total = 0.0
-        for s in range(given.weight.shape[2]):
-            if given.weight[r, i, s] != 0.0:
-                total += given.weight[r, i, s] * held.entry[r, held.source[r, i, s], given.channel[r, i]]
-        total -= given.offset[r, i]
-        if given.angle[r, i]:
+        for s in range(receivers.weight.shape[2]):
+            if receivers.weight[r, i, s] != 0.0:
+                total += receivers.weight[r, i, s] * held.entry[r, held.source[r, i, s], receivers.channel[r, i]]
+        total -= receivers.offset[r, i]
+        if receivers.angle[r, i]:
             total -= TURN * math.floor(total / TURN + 0.5)
-        if given.deviation[r, i]:
+        if receivers.deviation[r, i]:
             if math.isnan(held.baseline[r, i]) and math.isfinite(total):
                 held.baseline[r, i] = total
             total -= held.baseline[r, i]

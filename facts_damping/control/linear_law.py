@@ -28,22 +28,22 @@ class Matrices(NamedTuple):
 
 def matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
     """The matrices of a law. Raises `InputError` if their size is wrong or they are unstable."""
-    made = _of_matrices(law, signals, devices) if law.num is None and law.zeros is None else _of_fractions(law)
-    if made.D.shape != (devices, signals):
+    abcd = _of_matrices(law, signals, devices) if law.num is None and law.zeros is None else _of_fractions(law)
+    if abcd.D.shape != (devices, signals):
         raise InputError(
-            f"{made.D.shape[0]} outputs and {made.D.shape[1]} inputs given; allowed: {devices} and {signals}, one a "
+            f"{abcd.D.shape[0]} outputs and {abcd.D.shape[1]} inputs given; allowed: {devices} and {signals}, one a "
             "device and one a signal"
         )
-    if len(made.A) > MAX_STATES:
-        raise InputError(f"{len(made.A)} states given; allowed: at most {MAX_STATES}")
-    if not all(np.isfinite(part).all() for part in made):
+    if len(abcd.A) > MAX_STATES:
+        raise InputError(f"{len(abcd.A)} states given; allowed: at most {MAX_STATES}")
+    if not all(np.isfinite(part).all() for part in abcd):
         raise InputError("numbers too large given, results are not finite; allowed: smaller ones")
-    poles = np.linalg.eigvals(made.A) if len(made.A) else np.zeros(0)
+    poles = np.linalg.eigvals(abcd.A) if len(abcd.A) else np.zeros(0)
     beyond = poles.real if law.dt is None else np.abs(poles) - 1.0
     if len(poles) and beyond.max() > EDGE * max(1.0, float(np.abs(poles).max())):
         worst, unit = poles[int(np.argmax(beyond))], "" if law.dt else " 1/s"
         raise InputError(f"a pole at {worst:.4g}{unit} given: unstable; allowed: stable controllers, and integrators")
-    return made
+    return abcd
 
 
 def _of_matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
@@ -51,13 +51,13 @@ def _of_matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
     n = 0 if parts["A"] is None else len(parts["A"])
     shapes = {"A": (n, n), "B": (n, signals), "C": (devices, n), "D": (devices, signals)}
     for name, shape in shapes.items():
-        own = parts[name]
-        if own is not None and own.shape != shape:
+        part = parts[name]
+        if part is not None and part.shape != shape:
             raise InputError(
-                f"{name}: {own.shape[0]} x {own.shape[1]} given; allowed: {shape[0]} x {shape[1]}, with {n} states, "
+                f"{name}: {part.shape[0]} x {part.shape[1]} given; allowed: {shape[0]} x {shape[1]}, with {n} states, "
                 f"{signals} signals and {devices} devices"
             )
-    return Matrices(*(np.zeros(shapes[name]) if own is None else own for name, own in parts.items()))
+    return Matrices(*(np.zeros(shapes[name]) if matrix is None else matrix for name, matrix in parts.items()))
 
 
 def _matrix(name: str, rows: list[list[float]] | None) -> Float2 | None:
@@ -74,7 +74,7 @@ def _of_fractions(law: LinearLaw) -> Matrices:
     """Realise one transfer function or a matrix of them, each with its own states."""
     if law.zeros is not None:
         above, below = (_polynomial(name, getattr(law, name)) for name in ("zeros", "poles"))
-        num, den = [[[(law.gain or 0.0) * one for one in above]]], [[below]]
+        num, den = [[[(law.gain or 0.0) * coefficient for coefficient in above]]], [[below]]
     else:
         num, den = _table(law.num or []), _table(law.den or [])
     shape = [len(row) for row in num]
@@ -83,35 +83,35 @@ def _of_fractions(law: LinearLaw) -> Matrices:
             "num and den: tables of another shape given; allowed: one polynomial for each device and signal"
         )
     whole = [[_realised(n, d) for n, d in zip(*rows, strict=True)] for rows in zip(num, den, strict=True)]
-    parts = [one for row in whole for one in row]
+    parts = [element for row in whole for element in row]
     sizes = [len(part.A) for part in parts]
     starts = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
     n, signals, devices = int(starts[-1]), shape[0], len(shape)
-    made = Matrices(np.zeros((n, n)), np.zeros((n, signals)), np.zeros((devices, n)), np.zeros((devices, signals)))
+    full = Matrices(np.zeros((n, n)), np.zeros((n, signals)), np.zeros((devices, n)), np.zeros((devices, signals)))
     for i, part in enumerate(parts):
         d, s = divmod(i, signals)
-        own = slice(starts[i], starts[i + 1])
-        made.A[own, own], made.B[own, s], made.C[d, own], made.D[d, s] = part.A, part.B[:, 0], part.C[0], part.D[0, 0]
-    return made
+        at = slice(starts[i], starts[i + 1])
+        full.A[at, at], full.B[at, s], full.C[d, at], full.D[d, s] = part.A, part.B[:, 0], part.C[0], part.D[0, 0]
+    return full
 
 
-def _table(given: Any) -> list[list[list[float]]]:
+def _table(polynomials: Any) -> list[list[list[float]]]:
     """Polynomials as one row per device; a single polynomial is for one signal and device."""
-    return [[given]] if not given or not isinstance(given[0], list) else given
+    return [[polynomials]] if not polynomials or not isinstance(polynomials[0], list) else polynomials
 
 
-def _polynomial(name: str, given: list[float | str]) -> list[float]:
+def _polynomial(name: str, roots: list[float | str]) -> list[float]:
     """Coefficients of the product of (s - root), the highest power first."""
     try:
-        found = np.array([complex(one) for one in given], complex)
+        complex_roots = np.array([complex(number) for number in roots], complex)
     except ValueError as error:
-        raise InputError(f"{name}: {given} given; allowed: numbers, complex ones as text such as '-1+2j'") from error
-    if not np.allclose(np.sort_complex(found), np.sort_complex(found.conj())):
-        raise InputError(f"{name}: {given} given; allowed: complex ones in conjugate pairs")
-    made = np.ones(1, complex)
-    for root in found:
-        made = np.append(made, 0.0) - np.append(0.0, times(root, made))
-    return [float(one) for one in made.real]
+        raise InputError(f"{name}: {roots} given; allowed: numbers, complex ones as text such as '-1+2j'") from error
+    if not np.allclose(np.sort_complex(complex_roots), np.sort_complex(complex_roots.conj())):
+        raise InputError(f"{name}: {roots} given; allowed: complex ones in conjugate pairs")
+    product = np.ones(1, complex)
+    for root in complex_roots:
+        product = np.append(product, 0.0) - np.append(0.0, times(root, product))
+    return [float(coefficient) for coefficient in product.real]
 
 
 def _realised(num: list[float], den: list[float]) -> Matrices:

@@ -60,14 +60,14 @@ class Commands(NamedTuple):
 
 def state_spaces(designs: Sequence[StateSpace | None], signals: int, devices: int) -> tuple[Observers, Float3]:
     """Matrices of several controllers (None: another kind), and their estimates with work space."""
-    own = [one for one in designs if one is not None]
-    n, states = len(designs), max([len(one.A) for one in own], default=0)
+    present = [state_space for state_space in designs if state_space is not None]
+    n, states = len(designs), max([len(state_space.A) for state_space in present], default=0)
     shapes = ((states, states), (states, devices), (signals, states), (states, signals), (devices, states))
-    made = Observers(*(np.zeros((n, *shape)) for shape in shapes))
+    observers = Observers(*(np.zeros((n, *shape)) for shape in shapes))
     for c, design in enumerate(designs):
-        for whole, part in zip(made, design or (), strict=False):
+        for whole, part in zip(observers, design or (), strict=False):
             whole[c, : part.shape[0], : part.shape[1]] = part
-    return made, np.zeros((n, 2, max(states, signals) if own else 0))
+    return observers, np.zeros((n, 2, max(states, signals) if present else 0))
 
 
 @compiled

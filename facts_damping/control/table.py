@@ -124,11 +124,11 @@ def _neuro_fuzzy(network: Variant) -> ControllerKind:
     """The row of a neuro-fuzzy controller; inputs are within [-1, 1] for B-splines and Legendre polynomials."""
     antecedent = ANTECEDENTS[network.antecedent]
     bounded = antecedent.bounded or CONSEQUENTS[network.consequent].bounded
-    own = dict(NEURO_FUZZY_PARAMETERS)
-    own["identifier"] = own["identifier"]._replace(default=network.identifier)
-    own["width"] = own["width"]._replace(default=antecedent.width)
-    own["range"] = own["range"]._replace(default=1.0 if bounded else 3.0)
-    return ControllerKind(f"neuro-fuzzy: {network.antecedent} + {network.consequent}", ANY, 0, own, network)
+    parameters = dict(NEURO_FUZZY_PARAMETERS)
+    parameters["identifier"] = parameters["identifier"]._replace(default=network.identifier)
+    parameters["width"] = parameters["width"]._replace(default=antecedent.width)
+    parameters["range"] = parameters["range"]._replace(default=1.0 if bounded else 3.0)
+    return ControllerKind(f"neuro-fuzzy: {network.antecedent} + {network.consequent}", ANY, 0, parameters, network)
 
 
 CONTROLLERS |= {name: _neuro_fuzzy(variant) for name, variant in VARIANTS.items()}
@@ -149,38 +149,38 @@ def kind(name: str, where: str = "controller") -> ControllerKind:
         return CONTROLLERS[name]
     check_known(f"{where}: antecedent", antecedent, ANTECEDENTS)
     check_known(f"{where}: consequent", consequent, CONSEQUENTS)
-    found = _neuro_fuzzy(Variant(antecedent, consequent, "ANFGuMoI" if has_dilation(consequent) else "ANFTSI"))
-    return found._replace(named=False)
+    row = _neuro_fuzzy(Variant(antecedent, consequent, "ANFGuMoI" if has_dilation(consequent) else "ANFTSI"))
+    return row._replace(named=False)
 
 
 def kind_of(controller: Controller, where: str = "controller") -> ControllerKind:
     """The row for a run's controller, by its name or user-defined field. Raises `InputError` if unknown."""
-    given = [field for field in OWN if getattr(controller, field) not in (None, False)]
-    if not given:
+    fields = [field for field in OWN if getattr(controller, field) not in (None, False)]
+    if not fields:
         return kind(controller.name, where)
-    if len(given) > 1:
-        both = " and ".join(f"`{field}`" for field in given)
+    if len(fields) > 1:
+        both = " and ".join(f"`{field}`" for field in fields)
         raise InputError(f"{where}: '{controller.name}' given with {both}; allowed: one of {', '.join(OWN)}")
     if controller.name in CONTROLLERS or "+" in controller.name:
-        raise InputError(f"{where}: '{controller.name}' given with `{given[0]}`; allowed: a name that is not taken")
-    return OWN[given[0]]
+        raise InputError(f"{where}: '{controller.name}' given with `{fields[0]}`; allowed: a name that is not taken")
+    return OWN[fields[0]]
 
 
-def defaults(kind: ControllerKind, profile: str, signals: int = 1, devices: int = 1) -> dict[str, Value]:
+def defaults(row: ControllerKind, profile: str, signals: int = 1, devices: int = 1) -> dict[str, Value]:
     """Default parameters of a kind; with several devices the gains of appendix B are 10, 5, 5 and so on."""
-    found: dict[str, Value] = {
+    values: dict[str, Value] = {
         name: p.deployed if profile == "deployed" and p.deployed is not None else p.default
-        for name, p in kind.parameters.items()
+        for name, p in row.parameters.items()
     }
-    if "gain" in found and devices > 1:
-        found["gain"] = [float(found["gain"]), *[MIMO_GAIN] * (devices - 1)]  # type: ignore[arg-type]
-    if kind.network is not None and signals * devices > 1:
-        found["identifier"] = "ANFTSI"  # of chapter 6
-    return found
+    if "gain" in values and devices > 1:
+        values["gain"] = [float(values["gain"]), *[MIMO_GAIN] * (devices - 1)]  # type: ignore[arg-type]
+    if row.network is not None and signals * devices > 1:
+        values["identifier"] = "ANFTSI"  # of chapter 6
+    return values
 
 
-def variant_of(kind: ControllerKind, devices: int) -> Variant | None:
+def variant_of(row: ControllerKind, devices: int) -> Variant | None:
     """A kind's neuro-fuzzy variant, or None; with several devices those named in the thesis have affine consequents."""
-    if kind.network is None or devices == 1 or not kind.named:
-        return kind.network
-    return kind.network._replace(consequent=MIMO_FORM.get(kind.network.consequent, kind.network.consequent))
+    if row.network is None or devices == 1 or not row.named:
+        return row.network
+    return row.network._replace(consequent=MIMO_FORM.get(row.network.consequent, row.network.consequent))

@@ -49,12 +49,12 @@ def _rounded(value: int, bits: int) -> int:
 
 def _parts(value: int, places: int, *bits: int) -> list[float]:
     """A value as a sum of floats: the first ones of so many bits, the last one of what is left."""
-    found = []
+    parts = []
     for n in bits:
         part = _rounded(value, n)
-        found.append(part / (1 << places))
+        parts.append(part / (1 << places))
         value -= part
-    return [*found, value / (1 << places)]
+    return [*parts, value / (1 << places)]
 
 
 def _on_grid(value: int, places: int, grid: int) -> list[float]:
@@ -64,9 +64,9 @@ def _on_grid(value: int, places: int, grid: int) -> list[float]:
 
 
 def _table(rows: list[list[float]]) -> Float1:
-    found = np.array(rows).ravel()
-    found.setflags(write=False)
-    return found
+    table = np.array(rows).ravel()
+    table.setflags(write=False)
+    return table
 
 
 _PI = 16 * _arctangent(1, 5, PLACES) - 4 * _arctangent(1, 239, PLACES)

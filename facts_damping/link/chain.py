@@ -84,15 +84,15 @@ class DirectionSpec(NamedTuple):
     seed: tuple[int, int]  # seed of the run, index of the direction
 
 
-def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chains, AllPackets]:
+def chains(by_link: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chains, AllPackets]:
     """Build the chains of several links from their stages, and arrays for passing entries."""
-    stages = [stage for own in given for stage in own]
+    stages = [stage for listed in by_link for stage in listed]
     codes = [kinds.MODELS[stage.model].code for stage in stages]
-    n, maximum, channels = len(given), max((len(own) for own in given), default=0), len(way.channels)
+    n, maximum, channels = len(by_link), max((len(listed) for listed in by_link), default=0), len(way.channels)
     draws = way.draws if any(code in kinds.CHANCE for code in codes) else 1
     copies = 2 if kinds.DUPLICATE in codes else 1
     windows = [_window(stage, way) for stage in stages if stage.model in ("replay", "noise")]
-    made = Chains(
+    built = Chains(
         rows=np.zeros((n, maximum), STAGE),
         channel_mask=np.zeros((n, maximum, channels), np.bool_),
         drawn=np.zeros((n, maximum, draws, copies, channels), np.int64),
@@ -100,9 +100,9 @@ def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chains, 
         stored=np.zeros((n, maximum, channels), np.bool_),
         kept=np.zeros((n, maximum, max(windows, default=1), channels, way.width)),
     )
-    for link, own in enumerate(given):
-        for s, stage in enumerate(own):
-            put(made, link, s, stage, way)
+    for link, listed in enumerate(by_link):
+        for s, stage in enumerate(listed):
+            put(built, link, s, stage, way)
     packets = AllPackets(
         now_ns=np.zeros((n, copies, channels), np.int64),
         stamp_ns=np.zeros((n, channels), np.int64),
@@ -112,7 +112,7 @@ def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chains, 
         copied=np.zeros((n, channels), np.bool_),
         held=np.zeros((n, channels), np.bool_),
     )
-    return made, packets
+    return built, packets
 
 
 def _window(stage: Any, way: DirectionSpec) -> int:
@@ -123,9 +123,9 @@ def _window(stage: Any, way: DirectionSpec) -> int:
     return max(1, frames)
 
 
-def put(chains: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
+def put(link_chains: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
     """Write a stage to index `s` of a link, with its draws, which depend only on seed and indices."""
-    row, model, begin = chains.rows[link], kinds.MODELS[stage.model], to_ns(stage.start)
+    row, model, begin = link_chains.rows[link], kinds.MODELS[stage.model], to_ns(stage.start)
     code = model.code
     row[s]["model"], row[s]["begin_ns"] = code, begin
     row[s]["from_ns"] = 0 if code == kinds.REPLAY else begin
@@ -139,22 +139,22 @@ def put(chains: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> No
     if code == kinds.WAIT:
         row[s]["stamped"], row[s]["hold"] = stage.reference == "stamp", stage.missing == "hold"
         row[s]["complete"] = stage.send == "complete"
-    names = [one for name in stage.channels or way.channels for one in way.groups.get(name, [name])]
-    chains.channel_mask[link, s] = [name in names for name in way.channels]
+    names = [channel for name in stage.channels or way.channels for channel in way.groups.get(name, [name])]
+    link_chains.channel_mask[link, s] = [name in names for name in way.channels]
     seed, direction = way.seed
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(link, direction, s)))
     if code == kinds.NOISE:
-        own = chains.kept[link, s, : row[s]["window"]]
-        own[:] = random_numbers.standard_normal(random, own.shape)
+        window = link_chains.kept[link, s, : row[s]["window"]]
+        window[:] = random_numbers.standard_normal(random, window.shape)
     if code in kinds.CHANCE:
-        chains.drawn[link, s] = kinds.draw(stage, chains.drawn.shape[2:], way.channels, random)
+        link_chains.drawn[link, s] = kinds.draw(stage, link_chains.drawn.shape[2:], way.channels, random)
 
 
-def longest_delay_ns(chains: Chains) -> int:
+def longest_delay_ns(link_chains: Chains) -> int:
     """Longest possible delay of a chain, ns."""
-    drawn = np.where(chains.drawn == NEVER, 0, chains.drawn).max(axis=(2, 3, 4), initial=0)
-    fixed = np.maximum(chains.rows["delay_ns"], 0)  # a negative offset of time stamps adds no delay
-    return int((fixed + np.where(chains.rows["model"] == kinds.DRAWN, drawn, 0)).sum(axis=1).max(initial=0))
+    drawn = np.where(link_chains.drawn == NEVER, 0, link_chains.drawn).max(axis=(2, 3, 4), initial=0)
+    fixed = np.maximum(link_chains.rows["delay_ns"], 0)  # a negative offset of time stamps adds no delay
+    return int((fixed + np.where(link_chains.rows["model"] == kinds.DRAWN, drawn, 0)).sum(axis=1).max(initial=0))
 
 
 @compiled

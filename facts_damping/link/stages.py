@@ -45,13 +45,13 @@ def uniform(stage: Any, size: Shape, _channels: Sequence[str], random: np.random
 
 def normal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> Float3:
     """Truncated normal distribution: draws outside the bounds are repeated, after 200 rounds clipped."""
-    found = random_numbers.normal(random, stage.mean, stage.std, size)
+    draws = random_numbers.normal(random, stage.mean, stage.std, size)
     for _ in range(200):
-        bad = (found < stage.low) | (found > stage.high)
+        bad = (draws < stage.low) | (draws > stage.high)
         if not bad.any():
-            return found
-        found[bad] = random_numbers.normal(random, stage.mean, stage.std, int(bad.sum()))
-    return np.clip(found, stage.low, stage.high)
+            return draws
+        draws[bad] = random_numbers.normal(random, stage.mean, stage.std, int(bad.sum()))
+    return np.clip(draws, stage.low, stage.high)
 
 
 def gamma(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> Float3:
@@ -94,18 +94,18 @@ def _turns(p_gb: float, p_bg: float, chance: Float2, bad: Bool2) -> None:
 
 def trace(stage: Any, size: Shape, channels: Sequence[str], _random: np.random.Generator) -> Float3:
     """Delays from a trace; zero for channels that the trace lacks."""
-    found = np.zeros(size)
+    delays = np.zeros(size)
     for c, name in enumerate(channels):
-        own = stage.delays.get(name, [0.0]) if isinstance(stage.delays, dict) else stage.delays
-        series = np.array([math.nan if delay is None else delay for delay in own], np.float64)
-        found[:, :, c] = np.resize(series, size[0])[:, None]
-    return found
+        channel_delays = stage.delays.get(name, [0.0]) if isinstance(stage.delays, dict) else stage.delays
+        series = np.array([math.nan if delay is None else delay for delay in channel_delays], np.float64)
+        delays[:, :, c] = np.resize(series, size[0])[:, None]
+    return delays
 
 
 def trace_mean(stage: Any) -> float:
     """Mean delay of a trace, s."""
     series = list(stage.delays.values()) if isinstance(stage.delays, dict) else [stage.delays]
-    known = [delay for own in series for delay in own if delay is not None]
+    known = [delay for delays in series for delay in delays if delay is not None]
     return math.fsum(known) / len(known) if known else 0.0
 
 

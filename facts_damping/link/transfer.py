@@ -98,11 +98,11 @@ class Links(Struct):
 
 
 def directions(
-    kind: type[Directions], given: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: DirectionSpec
+    kind: type[Directions], by_link: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: DirectionSpec
 ) -> Directions:
     """Build one empty direction of several links from their stages, with room for all entries under way."""
-    chain, packets = chains(given, way)
-    n, capacity = len(given), room_for(chain, way)
+    chain, packets = chains(by_link, way)
+    n, capacity = len(by_link), room_for(chain, way)
     statistics = np.zeros((n, max(len(way.channels), 1)), STATISTICS)
     statistics["delay_min_ns"] = np.iinfo(np.int64).max
     return kind(
@@ -126,52 +126,52 @@ def room_for(chain: Chains, way: DirectionSpec) -> int:
     return int(max(way.per_tick, 1) * chain.drawn.shape[3] * ticks)
 
 
-def links(given: Sequence[Link], used: Sequence[int], up: DirectionSpec, down: DirectionSpec) -> Links:
+def links(link_models: Sequence[Link], used: Sequence[int], up: DirectionSpec, down: DirectionSpec) -> Links:
     """Build the links of a run, at least one; `used`: index of each controller's link."""
     return Links(
-        directions(FrameDirections, [link.up for link in given], DELIVERY, up),
-        directions(SetpointDirections, [link.down for link in given], SETPOINT, down),
+        directions(FrameDirections, [link.up for link in link_models], DELIVERY, up),
+        directions(SetpointDirections, [link.down for link in link_models], SETPOINT, down),
         np.array(used, np.int64),
     )
 
 
-def changed(directions: Directions, link: int, place: int, stage: Any, way: DirectionSpec) -> Directions:
+def changed(direction: Directions, link: int, place: int, stage: Any, way: DirectionSpec) -> Directions:
     """A direction with a stage of a link changed for entries sent from now on; enlarged if needed."""
-    put(directions.chain, link, place, stage, way)
-    capacity = room_for(directions.chain, way)
-    return _roomier(directions, capacity) if capacity > directions.arrival_ns.shape[1] else directions
+    put(direction.chain, link, place, stage, way)
+    capacity = room_for(direction.chain, way)
+    return _roomier(direction, capacity) if capacity > direction.arrival_ns.shape[1] else direction
 
 
-def replaced(directions: Directions, link: int, given: Sequence[Sequence[Any]], way: DirectionSpec) -> Directions:
-    """A direction with new stages of a link for entries sent from now on; `given`: stages of all links.
+def replaced(direction: Directions, link: int, by_link: Sequence[Sequence[Any]], way: DirectionSpec) -> Directions:
+    """A direction with new stages of a link for entries sent from now on; `by_link`: stages of all links.
 
     Entries under way remain. The state of this link's stages is reset, that of other links is not.
     """
-    chain, packets = chains(given, way)
-    others = np.arange(len(given)) != link
-    for before, after in zip(tuple(directions.chain)[2:], tuple(chain)[2:], strict=True):  # draws and stored entries
+    chain, packets = chains(by_link, way)
+    others = np.arange(len(by_link)) != link
+    for before, after in zip(tuple(direction.chain)[2:], tuple(chain)[2:], strict=True):  # draws and stored entries
         where = (others, *(slice(min(sizes)) for sizes in zip(before.shape[1:], after.shape[1:], strict=True)))
         after[where] = before[where]
-    packets.number[:] = directions.packets.number
-    directions, capacity = directions._replace(chain=chain, packets=packets), room_for(chain, way)
-    return _roomier(directions, capacity) if capacity > directions.arrival_ns.shape[1] else directions
+    packets.number[:] = direction.packets.number
+    direction, capacity = direction._replace(chain=chain, packets=packets), room_for(chain, way)
+    return _roomier(direction, capacity) if capacity > direction.arrival_ns.shape[1] else direction
 
 
-def _roomier(directions: Directions, capacity: int) -> Directions:
+def _roomier(direction: Directions, capacity: int) -> Directions:
     """A direction with larger rings; entries are moved to the start of each ring."""
-    n, old = directions.arrival_ns.shape
+    n, old = direction.arrival_ns.shape
 
     def wide(ring: NDArray[Any]) -> NDArray[Any]:
-        found = np.zeros((n, capacity), ring.dtype)
+        widened = np.zeros((n, capacity), ring.dtype)
         for link in range(n):
-            found[link, :old] = np.roll(ring[link], -directions.ring[link, RING_HEAD])
-        return found
+            widened[link, :old] = np.roll(ring[link], -direction.ring[link, RING_HEAD])
+        return widened
 
-    entries, arrival_ns, sent_ns = wide(directions.entries), wide(directions.arrival_ns), wide(directions.sent_ns)
-    directions.ring[:, RING_HEAD] = 0
-    out = np.zeros((n, capacity), directions.out.dtype)
-    out[:, :old] = directions.out
-    return directions._replace(entries=entries, arrival_ns=arrival_ns, sent_ns=sent_ns, out=out)
+    entries, arrival_ns, sent_ns = wide(direction.entries), wide(direction.arrival_ns), wide(direction.sent_ns)
+    direction.ring[:, RING_HEAD] = 0
+    out = np.zeros((n, capacity), direction.out.dtype)
+    out[:, :old] = direction.out
+    return direction._replace(entries=entries, arrival_ns=arrival_ns, sent_ns=sent_ns, out=out)
 
 
 @compiled
@@ -239,14 +239,14 @@ def _count_delivered(way: Any, channel: int, slot: int) -> None:
 
 @entry_point
 def uplink(
-    links: Links, link: int, tick: int, start_ns: int, end_ns: int, frame: Float2, measured_ns: Int1, status: Int1
+    all_links: Links, link: int, tick: int, start_ns: int, end_ns: int, frame: Float2, measured_ns: Int1, status: Int1
 ) -> int:
     """Send a frame (PMUs, channels) up a link at `start_ns`; deliver entries that arrive before `end_ns`.
 
     `measured_ns`: time of each PMU's measurement, (PMUs,); NEVER: absent from the frame. `status`: bits of each
     PMU's entry. Delivered entries are in `links.up.out[link]`, in order of arrival; returns their number.
     """
-    way = links.up.each[link]
+    way = all_links.up.each[link]
     p = way.packets
     for pmu in range(frame.shape[0]):
         _put_in(p, pmu, start_ns, measured_ns[pmu])
@@ -283,15 +283,15 @@ def uplink(
 
 
 @entry_point
-def downlink(links: Links, link: int, tick: int, end_ns: int, setpoints: Setpoints, given: int) -> int:
-    """Send those of `given` setpoints whose controllers use a link down that link, each at its `issued_ns`.
+def downlink(all_links: Links, link: int, tick: int, end_ns: int, setpoints: Setpoints, ready: int) -> int:
+    """Send those of `ready` setpoints whose controllers use a link down that link, each at its `issued_ns`.
 
     Deliver setpoints that arrive before `end_ns` to `links.down.out[link]`, as `uplink` does.
     """
-    way = links.down.each[link]
+    way = all_links.down.each[link]
     p = way.packets
-    for i in range(given):
-        if links.used[setpoints[i].controller] != link:
+    for i in range(ready):
+        if all_links.used[setpoints[i].controller] != link:
             continue
         device, issued = setpoints[i].device, setpoints[i].issued_ns
         _put_in(p, device, issued, setpoints[i].measured_ns)

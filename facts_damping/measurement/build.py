@@ -26,10 +26,10 @@ STREAM = 2  # stream of a run's random numbers; its links use 0 and 1
 
 def wrong_at(measurement: Measurement, pmu: str) -> tuple[Noise, Clock]:
     """Noise and clock of a PMU: its own, else the common ones."""
-    own = measurement.pmus.get(pmu)
-    if own is None:
+    errors = measurement.pmus.get(pmu)
+    if errors is None:
         return measurement.noise, measurement.clock
-    return own.noise or measurement.noise, own.clock or measurement.clock
+    return errors.noise or measurement.noise, errors.clock or measurement.clock
 
 
 def clocks_differ(measurement: Measurement, pmus: Sequence[str]) -> bool:
@@ -84,9 +84,9 @@ def make_pmus(
     Each PMU has its own stream of random numbers; draws of the PMUs `before` are reused. Raises `InputError` for a
     rate without a filter.
     """
-    made = reference_filter(measurement, nominal, frame_rate)
+    reference = reference_filter(measurement, nominal, frame_rate)
     errors, bad = _errors(measurement, pmus), _bad_data(measurement)
-    known = [[one.pmus is None or s in one.pmus for s in pmus] for one in measurement.bad_data]
+    known = [[bad_data.pmus is None or s in bad_data.pmus for s in pmus] for bad_data in measurement.bad_data]
     channel_mask = np.array(known, np.bool_)
     plain = np.zeros(len(pmus), pmu_model.ERRORS)
     plain["lost_ns"] = NEVER
@@ -103,9 +103,9 @@ def make_pmus(
         p_class=measurement.filter == "p_class",
         nominal=nominal,
         frame_rate=frame_rate,
-        weights=made.weights,
-        per_frame=made.per_frame,
-        delay=made.delay,
+        weights=reference.weights,
+        per_frame=reference.per_frame,
+        delay=reference.delay,
         errors=errors,
         bad=bad,
         channel_mask=channel_mask.reshape(len(bad), len(pmus)),
@@ -114,7 +114,7 @@ def make_pmus(
         voltage_step=measurement.voltage_range / pmu_model.MAX_UNSIGNED if integers else 0.0,
         current_step=measurement.current_range / pmu_model.MAX_UNSIGNED if integers else 0.0,
     )
-    capacity = made.delay * made.per_frame + len(made.weights) + 1
+    capacity = reference.delay * reference.per_frame + len(reference.weights) + 1
     state = PmuState(
         np.zeros((len(pmus), 2, 2 * capacity), np.complex128),
         np.zeros(1, np.int64),

@@ -78,7 +78,7 @@ def _m_class(nominal: float, frame_rate: int) -> tuple[float, float]:
     """Reference frequency (Hz) and length (s) of the M class filter."""
     rows = M_CLASS.get(round(nominal), {}) if nominal == round(nominal) else {}
     if frame_rate not in rows:
-        those = "; ".join(f"{', '.join(map(str, own))} at {f} Hz" for f, own in M_CLASS.items())
+        those = "; ".join(f"{', '.join(map(str, rates))} at {f} Hz" for f, rates in M_CLASS.items())
         raise InputError(
             f"frame_rate: {frame_rate} given at a nominal frequency of {nominal:g} Hz; "
             f"allowed with measurement m_class: {those}"
@@ -89,10 +89,10 @@ def _m_class(nominal: float, frame_rate: int) -> tuple[float, float]:
 
 def _spread(weights: Float1, over: list[float]) -> Float1:
     """Convolution of sample weights with `over`."""
-    found = np.zeros(len(weights) + len(over) - 1)
+    spread = np.zeros(len(weights) + len(over) - 1)
     for i, fraction in enumerate(over):
-        found[i : i + len(weights)] += fraction * weights
-    return found
+        spread[i : i + len(weights)] += fraction * weights
+    return spread
 
 
 def taps(pmu_filter: Filter, channel: str, frame_rate: int) -> Float1:

@@ -162,17 +162,17 @@ def _rounded(value: float, step: float, low: float, high: float) -> float:
 @compiled
 def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: Float1) -> None:
     """Apply noise, clock error, bad data and rounding to the frame of PMU s, measured at `at_ns`."""
-    own, draw = m.errors[s], m.normal[tick % m.normal.shape[0], s]
-    frame[VM] *= 1.0 + own.magnitude * draw[0]
-    frame[IM] *= 1.0 + own.magnitude * draw[2]
+    errors, draw = m.errors[s], m.normal[tick % m.normal.shape[0], s]
+    frame[VM] *= 1.0 + errors.magnitude * draw[0]
+    frame[IM] *= 1.0 + errors.magnitude * draw[2]
     turned = -2.0 * math.pi * m.nominal * error_s
-    frame[VA] = _wrapped(frame[VA] + own.angle * draw[1] + turned)
-    frame[IA] = _wrapped(frame[IA] + own.angle * draw[3] + turned)
-    if at_ns >= own.lost_ns:
-        frame[FREQUENCY] /= 1.0 + own.drift
-    frame[FREQUENCY] += own.frequency * draw[4]
-    frame[SPEED] += own.frequency * draw[4] / m.nominal
-    frame[ROCOF] += own.rocof * draw[5]
+    frame[VA] = _wrapped(frame[VA] + errors.angle * draw[1] + turned)
+    frame[IA] = _wrapped(frame[IA] + errors.angle * draw[3] + turned)
+    if at_ns >= errors.lost_ns:
+        frame[FREQUENCY] /= 1.0 + errors.drift
+    frame[FREQUENCY] += errors.frequency * draw[4]
+    frame[SPEED] += errors.frequency * draw[4] / m.nominal
+    frame[ROCOF] += errors.rocof * draw[5]
     for b in range(m.bad.size):
         row = m.bad[b]
         if not m.channel_mask[b, s] or at_ns < row.from_ns or at_ns >= row.until_ns:
@@ -230,29 +230,29 @@ def report(
     reported = tick - m.delay
     at_ns = reported * NANOSECONDS // m.frame_rate
     for s in range(frame.shape[0]):
-        own = frame[s]
+        row = frame[s]
         measured_ns[s], status[s] = at_ns, 0
         if reported < 0:
-            own[:] = math.nan
+            row[:] = math.nan
             measured_ns[s] = NEVER
             continue
         if m.filtered:
-            _estimate(m, state, s, own)
+            _estimate(m, state, s, row)
         if not m.exact:
             error = m.errors[s].offset
             if at_ns >= m.errors[s].lost_ns:
                 error += m.errors[s].drift * (at_ns - m.errors[s].lost_ns) * 1e-9
                 status[s] = UNSYNCHRONISED
-            _spoil(m, reported, at_ns, s, error, own)
+            _spoil(m, reported, at_ns, s, error, row)
             measured_ns[s] += math.floor(error * 1e9 + 0.5)
             if measured_ns[s] < 0:  # like frames before the start
-                own[:] = math.nan
+                row[:] = math.nan
                 measured_ns[s] = NEVER
                 continue
         if m.filtered or not m.exact:
-            size, angle = own[VM] * own[IM], own[VA] - own[IA]  # P + j Q = V I* of the reported phasors
-            own[P], own[Q] = size * cos(angle), size * sin(angle)
+            size, angle = row[VM] * row[IM], row[VA] - row[IA]  # P + j Q = V I* of the reported phasors
+            row[P], row[Q] = size * cos(angle), size * sin(angle)
         if not m.exact:
-            _hold(m, state, reported, at_ns, s, own)
-        if not (math.isfinite(own[VM]) and math.isfinite(own[IM])):
+            _hold(m, state, reported, at_ns, s, row)
+        if not (math.isfinite(row[VM]) and math.isfinite(row[IM])):
             status[s] |= DATA_ERROR

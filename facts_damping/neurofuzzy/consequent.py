@@ -148,15 +148,15 @@ def _wavelets(is_morlet: bool, theta: Float1, x: Float1, slope: Float1, by_input
         if is_morlet:
             psi = bell * cos(5.0 * q)
             by_q = -bell * (q * cos(5.0 * q) + 5.0 * sin(5.0 * q))
-            own = 0.0
+            by_nu = 0.0
         else:
             scale = 1.0 / math.sqrt(abs(nu))
             psi = scale * (1.0 - q * q) * bell
             by_q = scale * (q * q * q - 3.0 * q) * bell
-            own = -0.5 * psi / nu
+            by_nu = -0.5 * psi / nu
         total += psi
         slope[1 + 2 * i] = -w * by_q / nu
-        slope[2 + 2 * i] = w * (own - by_q * q / nu)
+        slope[2 + 2 * i] = w * (by_nu - by_q * q / nu)
         by_input[i] = w * by_q / nu
     slope[0] = total
     return w * total  # type: ignore[no-any-return]

@@ -63,9 +63,9 @@ class Learners(Learner, each=Learner):
 
     def _row(self, i: int) -> Learner:
         net = Network(*self.shape[i].tolist())
-        own = [value[i] for value in self if isinstance(value, np.ndarray)]
-        sized = [value[: net.size] for value in own[:6]]
-        values = (*sized, *own[6:9], own[9][: net.inputs], self.passed.each[i])
+        fields = [value[i] for value in self if isinstance(value, np.ndarray)]
+        sized = [value[: net.size] for value in fields[:6]]
+        values = (*sized, *fields[6:9], fields[9][: net.inputs], self.passed.each[i])
         return Learner(**dict(zip(Learner._fields, values, strict=True)))
 
 
@@ -78,7 +78,7 @@ def learners(nets: Sequence[Network], starts: Sequence[Float1]) -> Learners:
 
     sizes = [(net.size,) for net in sized]
     kinds = [(net.outputs, len(groups(net))) for net in sized]
-    made = Learners(
+    stacked = Learners(
         theta=room(sizes),
         change=room(sizes),
         start=room(sizes),
@@ -93,12 +93,12 @@ def learners(nets: Sequence[Network], starts: Sequence[Float1]) -> Learners:
         shape=np.array(nets, np.int64).reshape(len(nets), len(Network._fields)),
     )
     for i, (net, start) in enumerate(zip(nets, starts, strict=True)):
-        own, names = slots(net), groups(net)
-        made.theta[i, : net.size] = made.start[i, : net.size] = start
-        made.low[i, : net.size] = [slot.low for slot in own]
-        made.high[i, : net.size] = [slot.high for slot in own]
-        made.group[i, : net.size] = [names.index(slot.group) for slot in own]
-    return made
+        parameter_slots, names = slots(net), groups(net)
+        stacked.theta[i, : net.size] = stacked.start[i, : net.size] = start
+        stacked.low[i, : net.size] = [slot.low for slot in parameter_slots]
+        stacked.high[i, : net.size] = [slot.high for slot in parameter_slots]
+        stacked.group[i, : net.size] = [names.index(slot.group) for slot in parameter_slots]
+    return stacked
 
 
 @compiled

@@ -82,8 +82,8 @@ def shape_of(row: Int1) -> Network:
 
 def counted(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> int:
     """Number of parameters updated in one step, as in Table 3.1."""
-    own = len(CONSEQUENTS[consequent].slots(inputs))
-    return inputs * rules * ANTECEDENTS[antecedent].active + rules * outputs * own
+    consequent_parameters = len(CONSEQUENTS[consequent].slots(inputs))
+    return inputs * rules * ANTECEDENTS[antecedent].active + rules * outputs * consequent_parameters
 
 
 def shapes(net: Network) -> tuple[tuple[int, ...], ...]:
@@ -108,8 +108,8 @@ def forward(net: Network, theta: Float1, x: Float1, p: Pass) -> None:
         p.firing[j] = 1.0
         for i in range(net.inputs):
             at = (i * net.rules + j) * net.stored
-            own = theta[at : at + net.stored]
-            p.mu[i, j], p.mu_by_x[i, j] = membership(net.antecedent, own, x[i], p.mu_by_theta[i, j])
+            parameters = theta[at : at + net.stored]
+            p.mu[i, j], p.mu_by_x[i, j] = membership(net.antecedent, parameters, x[i], p.mu_by_theta[i, j])
             p.firing[j] *= p.mu[i, j]
     if net.consequent == FOURIER:
         for i in range(net.inputs):
@@ -120,9 +120,9 @@ def forward(net: Network, theta: Float1, x: Float1, p: Pass) -> None:
         total = weighted = 0.0
         for j in range(net.rules):
             at = first + (j * net.outputs + o) * net.width
-            own = theta[at : at + net.width]
+            rule = theta[at : at + net.width]
             zeta, volume, by_firing = consequent_of(
-                net.consequent, own, x, p.firing[j], p.terms[: net.width], p.zeta_by_theta[j, o], p.zeta_by_x[j, o]
+                net.consequent, rule, x, p.firing[j], p.terms[: net.width], p.zeta_by_theta[j, o], p.zeta_by_x[j, o]
             )
             p.zeta[j, o], p.volume[j, o], p.zeta_by_firing[j, o] = zeta, volume, by_firing
             total += p.firing[j] * volume
@@ -142,17 +142,17 @@ def backward(net: Network, p: Pass) -> None:
         p.by_theta[o, :first] = 0.0
         for j in range(net.rules):
             at = first + (j * net.outputs + o) * net.width
-            own = p.by_theta[o, at : at + net.width]
+            gradient = p.by_theta[o, at : at + net.width]
             if not p.total[o] > FLOOR:  # also if it is NaN
-                own[:] = 0.0
+                gradient[:] = 0.0
                 continue
             fraction = p.firing[j] * p.volume[j, o] / p.total[o]
             apart = p.zeta[j, o] - p.output[o]
             slopes = p.terms if net.consequent == FOURIER else p.zeta_by_theta[j, o]
-            for w in range(own.size):
-                own[w] = fraction * slopes[w]
+            for w in range(gradient.size):
+                gradient[w] = fraction * slopes[w]
             if net.consequent == SAM:
-                own[1] = p.firing[j] * apart / p.total[o]
+                gradient[1] = p.firing[j] * apart / p.total[o]
             by_firing = p.volume[j, o] * apart / p.total[o] + fraction * p.zeta_by_firing[j, o]
             for i in range(net.inputs):
                 others = by_firing * _others(net, p, i, j)

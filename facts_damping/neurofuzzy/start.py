@@ -56,8 +56,8 @@ def initial(net: Network, start: Start) -> Float1:
     rules = np.zeros((net.rules, net.outputs, net.width))
     for j, side in enumerate(sides.tolist()):
         for o in range(net.outputs):
-            made = consequent.start(side * start.weight[o], side, start.shift, start.dilation)
-            rules[j, o, : len(made)] = made
+            parameters = consequent.start(side * start.weight[o], side, start.shift, start.dilation)
+            rules[j, o, : len(parameters)] = parameters
     theta = np.concatenate([np.ravel(members), np.ravel(rules)])
-    own = slots(net)
-    return np.asarray(np.clip(theta, [slot.low for slot in own], [slot.high for slot in own]))
+    parameter_slots = slots(net)
+    return np.asarray(np.clip(theta, [slot.low for slot in parameter_slots], [slot.high for slot in parameter_slots]))

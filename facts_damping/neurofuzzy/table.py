@@ -178,6 +178,6 @@ VARIANTS = {
 VARIANTS |= rows("variants", Variant, VARIANTS)
 
 
-def has_dilation(consequent: str) -> bool:
+def has_dilation(consequent_name: str) -> bool:
     """Whether a consequent is a dilated wavelet: whether it has a parameter nu."""
-    return any(slot.group == NU.group for slot in CONSEQUENTS[consequent].slots(1))
+    return any(slot.group == NU.group for slot in CONSEQUENTS[consequent_name].slots(1))

@@ -109,7 +109,7 @@ class ControllerNode:
         """PMUs whose backups are used now, in words."""
         used, held, pmus = self.state_message.used, self.state.held, self.case.system.pmus
         rows = zip(used.pmu, held.source[self.index, used.signal, used.pmu], strict=True)
-        return [f"{pmus[found].name} replaces {pmus[own].name}" for own, found in rows if own != found]
+        return [f"{pmus[source].name} replaces {pmus[pmu].name}" for pmu, source in rows if pmu != source]
 
     def act(self, tick: int, delivered: NDArray[Any], estimates: list[Estimate]) -> None:
         """Process one tick: publish setpoints and state, also without frames; while disarmed, no setpoints."""

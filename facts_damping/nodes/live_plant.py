@@ -136,8 +136,8 @@ class LivePlant:
         watchdog = self._case.run.watchdog
         if watchdog is None:
             return []
-        found = late_by_clock(self.state.watch, self._accepted, clock.monotonic(), watchdog.timeout)
-        return [(self._case.run.devices[d], partial(self._let_go, d)) for d in found]
+        silent = late_by_clock(self.state.watch, self._accepted, clock.monotonic(), watchdog.timeout)
+        return [(self._case.run.devices[d], partial(self._let_go, d)) for d in silent]
 
     def _let_go(self, device: int, _tick: int) -> None:
         let_go(self.state.watch, device)

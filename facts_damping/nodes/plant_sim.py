@@ -138,9 +138,9 @@ class PlantSim:
             self.progress(now=k + 1 == self.source.ticks or not plant.sound)
             if not plant.sound:
                 break
-            plant.advance([rows for kept in self.waiting.values() for rows in kept])
-            for kept in self.waiting.values():
-                kept.clear()
+            plant.advance([rows for batches in self.waiting.values() for rows in batches])
+            for batches in self.waiting.values():
+                batches.clear()
             self.log_released()
             for device, release in plant.late() if self.options.paced else ():
                 self.member.change("release", device, act=release)

@@ -74,21 +74,21 @@ def begins_a_run(check: Callable[[bytes], Any] | None, data: bytes) -> bool:
 
 def topics(case: Case) -> dict[str, Any]:
     """Topics of a case and their message classes."""
-    found: dict[str, Any] = {}
+    kinds: dict[str, Any] = {}
     for link in link_addresses(case):
-        found[link.topic("pmu/delivered")] = messages.PmuDataFrame
-        found[link.topic("setpoints/delivered")] = messages.DeviceSetpoints
-        found[link.topic("link/statistics")] = messages.LinkStatistics
+        kinds[link.topic("pmu/delivered")] = messages.PmuDataFrame
+        kinds[link.topic("setpoints/delivered")] = messages.DeviceSetpoints
+        kinds[link.topic("link/statistics")] = messages.LinkStatistics
     for controller, address in zip(case.controllers, controller_addresses(case), strict=True):
-        found[f"{address}/setpoints"] = messages.DeviceSetpoints
+        kinds[f"{address}/setpoints"] = messages.DeviceSetpoints
         if not kind_of(controller).node:  # a user's own node need not publish its state
-            found[f"{address}/state"] = messages.ControllerState
+            kinds[f"{address}/state"] = messages.ControllerState
     for address in identifier_addresses(case).values():
-        found[f"{address}/estimate"] = messages.JacobianEstimate
+        kinds[f"{address}/estimate"] = messages.JacobianEstimate
     for address in supervisor_addresses(case).values():
-        found[f"{address}/{SUPERVISED}"] = messages.DeviceSetpoints
-        found[f"{address}/state"] = messages.SupervisorState
-    return TOPICS | found
+        kinds[f"{address}/{SUPERVISED}"] = messages.DeviceSetpoints
+        kinds[f"{address}/state"] = messages.SupervisorState
+    return TOPICS | kinds
 
 
 def message_type(kind: Any) -> str:
@@ -113,7 +113,7 @@ class Recorder:
         waited = self.options.recorder and not self.options.free  # others wait for it: it gets all first messages
         self.topics: dict[str, str] = {}
         # Topics of one publisher first: they tell which nodes are the graph's.
-        for topic, kind in sorted(topics(self.case).items(), key=lambda one: one[0].endswith(UNTICKED)):
+        for topic, kind in sorted(topics(self.case).items(), key=lambda pair: pair[0].endswith(UNTICKED)):
             name, unticked = node.resolve_topic_name(topic), topic.endswith(UNTICKED)
             self.topics[name] = message_type(kind)
             qos = LATCHED_SUBSCRIBER_QOS if topic in LATE else SUBSCRIBER_QOS

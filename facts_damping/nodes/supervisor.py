@@ -188,7 +188,7 @@ class SupervisorNode:
         """Queue an operator's command for the next tick, or answer why it is refused."""
         code, state = COMMANDS[name], int(self.row["state"])
         if state not in FROM[code]:
-            allowed = ", ".join(STATES[one] for one in FROM[code])
+            allowed = ", ".join(STATES[allowed_state] for allowed_state in FROM[code])
             response.message = f"{STATES[state]}; allowed: {name} while {allowed}"
             return response
         if code == PROBE and not self.supervisors.settings["omega"][self.s] > 0.0:

@@ -158,9 +158,9 @@ class WanLink:
     def answer(self) -> None:
         """Put the setpoints into the downlink, in order of controllers; publish those that arrive, none if disarmed."""
         start, end = self.span(self.tick)
-        received = np.concatenate([np.zeros(0, SETPOINT), *(rows for kept in self.received.values() for rows in kept)])
-        for kept in self.received.values():
-            kept.clear()
+        received = np.concatenate([np.zeros(0, SETPOINT), *(rows for held in self.received.values() for rows in held)])
+        for held in self.received.values():
+            held.clear()
         count = downlink(self.links, self.index, self.tick, end, received, len(received))
         sent = count if self.member.joining.acts else 0
         self.to_plant.publish(self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :sent], ""))

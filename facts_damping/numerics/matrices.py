@@ -159,20 +159,20 @@ def exponential(a: Float2) -> Float2:
     """exp(a) by Taylor's series of a / 2^s, squared s times."""
     norm = np.abs(a).sum(axis=1).max(initial=0.0)
     halved = max(0, math.frexp(norm)[1] + 1)
-    one, small = np.eye(len(a)), a / math.ldexp(1.0, halved)
-    found = one
+    identity, small = np.eye(len(a)), a / math.ldexp(1.0, halved)
+    series = identity
     for k in range(TERMS, 0, -1):
-        found = one + product(small, found) / k
+        series = identity + product(small, series) / k
     for _ in range(halved):
-        found = product(found, found)
-    return found
+        series = product(series, series)
+    return series
 
 
 def _divided(a: Float2, q: Float2) -> Pair:
     """Limits of a <- (a + a^-1) / 2 and q <- (q + a^-1 q a^-T) / 2: the sign of a, and twice `lyapunov`."""
-    one = np.eye(len(a))
+    identity = np.eye(len(a))
     for _ in range(MAXIMUM):
-        inverse = solve(a, one)
+        inverse = solve(a, identity)
         before, a = a, (a + inverse) / 2.0
         q = (q + product(inverse, q, inverse.T)) / 2.0
         if np.abs(a - before).max(initial=0.0) <= NEAR * np.abs(a).max(initial=0.0):
@@ -196,9 +196,9 @@ def riccati(a: Float2, b: Float2, q: Float2, r: Float2) -> Float2:
     After k steps x is the minimum cost over 2^k frames, and a the closed-loop transition over them. Raises
     `LinAlgError` if there is none: a mode that does not decay is uncontrollable by b or has no cost.
     """
-    n, one, x, g = len(a), np.eye(len(a)), q, product(b, solve(r, b.T))
+    n, identity, x, g = len(a), np.eye(len(a)), q, product(b, solve(r, b.T))
     for _ in range(MAXIMUM):
-        both = solve(one + product(g, x), np.hstack([a, g]))
+        both = solve(identity + product(g, x), np.hstack([a, g]))
         g = g + product(a, both[:, n:], a.T)
         x = x + product(a.T, x, both[:, :n])
         a = product(a, both[:, :n])
@@ -223,8 +223,8 @@ def singular(a: Float2) -> tuple[Float2, Float1, Float2]:
 def least_squares(a: Float2, b: Float1) -> Float1:
     """Minimum-norm vector x that minimises |a x - b|; singular values at round-off level are dropped."""
     u, s, v = singular(a)
-    kept = s > np.finfo(float).eps * max(a.shape) * s.max(initial=0.0)
-    return product(v[:, kept], product(u[:, kept].T, b) / s[kept])
+    significant = s > np.finfo(float).eps * max(a.shape) * s.max(initial=0.0)
+    return product(v[:, significant], product(u[:, significant].T, b) / s[significant])
 
 
 def shift_near(guess: complex) -> complex:

@@ -75,12 +75,12 @@ def _exponentials(z: Complex1, out: Complex1) -> None:
         out[i] = exp_complex(z[i])
 
 
-def _elementwise(kernel: Any, kind: Any, *given: ArrayLike, of: Any = complex) -> NDArray[Any]:
+def _elementwise(kernel: Any, kind: Any, *operands: ArrayLike, of: Any = complex) -> NDArray[Any]:
     """Apply a kernel to arrays of one shape or broadcast to one."""
-    arrays = [np.asarray(one, of) for one in given]
-    out = np.zeros(np.broadcast_shapes(*(one.shape for one in arrays)), kind)
-    whole = (one if one.shape == out.shape else np.broadcast_to(one, out.shape) for one in arrays)
-    kernel(*(np.ascontiguousarray(one).reshape(-1) for one in whole), out.reshape(-1))
+    arrays = [np.asarray(operand, of) for operand in operands]
+    out = np.zeros(np.broadcast_shapes(*(array.shape for array in arrays)), kind)
+    whole = (array if array.shape == out.shape else np.broadcast_to(array, out.shape) for array in arrays)
+    kernel(*(np.ascontiguousarray(array).reshape(-1) for array in whole), out.reshape(-1))
     return out
 
 
@@ -120,13 +120,13 @@ def exponentials(z: ArrayLike) -> NDArray[np.complex128]:
 
 def power(z: complex, n: int) -> complex:
     """The n-th power of z, n >= 0, by repeated squaring."""
-    found, square = complex(1.0, 0.0), complex(z)
+    product, square = complex(1.0, 0.0), complex(z)
     while n > 0:
         if n % 2 == 1:
-            found = _product(found, square)
+            product = _product(product, square)
         square = _product(square, square)
         n //= 2
-    return found
+    return product
 
 
 @entry_point

@@ -37,13 +37,13 @@ def save_picture(figure: Any, path: Path, **options: Any) -> Path:
     look = _look.get()
     place = path.with_suffix(f".{look.format}")
     if look.font_pt is not None:
-        for text in figure.findobj(lambda one: hasattr(one, "set_fontsize")):
+        for text in figure.findobj(lambda artist: hasattr(artist, "set_fontsize")):
             text.set_fontsize(text.get_fontsize() * look.font_pt / USUAL_PT)
     if look.width_cm is not None:
         width, height = figure.get_size_inches()
         figure.set_size_inches(look.width_cm / CM, height * look.width_cm / CM / width)
         options["dpi"] = PRINT_DPI
-    kept = options if look.format == "png" else {name: options[name] for name in options.keys() & {"dpi"}}
+    accepted = options if look.format == "png" else {name: options[name] for name in options.keys() & {"dpi"}}
     with replacing(place) as beside:
-        figure.savefig(beside, format=look.format, **kept)
+        figure.savefig(beside, format=look.format, **accepted)
     return place

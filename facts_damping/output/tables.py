@@ -36,13 +36,13 @@ def table(
 def as_csv(titles: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """A table as CSV. A cell that is a named tuple becomes a column for each of its fields, `title, field`."""
     fields = [max((getattr(cell, "_fields", ()) for cell in column), key=len) for column in zip(*rows, strict=True)]
-    names = [[f"{title}, {field}" for field in own] or [title] for title, own in zip(titles, fields, strict=True)]
+    names = [[f"{title}, {field}" for field in parts] or [title] for title, parts in zip(titles, fields, strict=True)]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(itertools.chain(*names))
     for row in rows:
         cells = [cell if isinstance(cell, tuple) else (cell,) for cell in row]
-        padded = [(*cell, *[""] * (len(own) - len(cell))) for cell, own in zip(cells, names, strict=True)]
+        padded = [(*cell, *[""] * (len(columns) - len(cell))) for cell, columns in zip(cells, names, strict=True)]
         writer.writerow(itertools.chain(*padded))
     return text.getvalue()
 

@@ -40,10 +40,10 @@ def worded(source: str, sets: dict[str, str] | None = None) -> Iterator[None]:
     try:
         yield
     except FieldError as error:
-        given, field = sets or {}, error.field
-        found = [path for path in given if fnmatchcase(f"{field}.", f"{path}.*")]
-        below = [path for path in given if error.above and path.startswith(f"{field}.")]
-        origin = given[max(found, key=len)] if found else given[below[0]] if below else source
+        origins, field = sets or {}, error.field
+        paths = [path for path in origins if fnmatchcase(f"{field}.", f"{path}.*")]
+        below = [path for path in origins if error.above and path.startswith(f"{field}.")]
+        origin = origins[max(paths, key=len)] if paths else origins[below[0]] if below else source
         where = f"{origin}: {field}" if field else origin
         raise InputError(f"{where}{error.part}: {error.text}") from error.__cause__
 
@@ -73,7 +73,7 @@ def short(value: Any) -> str:
 
 def _place(error_location: tuple[int | str, ...], content: Any, *, absent: bool) -> list[str]:
     """An error's location as keys of the content: without pydantic's own tags; `absent`: the last is not in it."""
-    found: list[str] = []
+    keys: list[str] = []
     part: Any
     for i, part in enumerate(error_location):
         last = i == len(error_location) - 1
@@ -83,8 +83,8 @@ def _place(error_location: tuple[int | str, ...], content: Any, *, absent: bool)
             content = content[part]
         elif not (last and absent and isinstance(content, dict)):
             continue
-        found.append(str(part))
-    return found
+        keys.append(str(part))
+    return keys
 
 
 def _model_at(model: type[ParameterModel], location: tuple[int | str, ...]) -> type[ParameterModel] | None:
@@ -108,13 +108,13 @@ def _tag(model: type[ParameterModel], location: tuple[int | str, ...]) -> str | 
     """The `kind` or `model` by which a location names a member of a union, if it is this one."""
     for name in ("kind", "model"):
         values = getattr(model.model_fields[name].annotation, "__args__", ()) if name in model.model_fields else ()
-        found = next((part for part in location if part in values), None)
-        if found is not None:
-            return f"{name} {found}"
+        tag = next((part for part in location if part in values), None)
+        if tag is not None:
+            return f"{name} {tag}"
     return None
 
 
-def _unknown(model: type[ParameterModel], location: tuple[int | str, ...], given: Any) -> str:
+def _unknown(model: type[ParameterModel], location: tuple[int | str, ...], value: Any) -> str:
     """What is wrong with a key that its model does not have; a member of a union may be the wrong one."""
     here = _model_at(model, location)
     fields = here.model_fields.items() if here is not None else ()
@@ -122,7 +122,7 @@ def _unknown(model: type[ParameterModel], location: tuple[int | str, ...], given
     allowed, close = ", ".join(names) or "none", meant(str(location[-1]), names)
     tag = _tag(here, location) if here is not None else None
     if tag:
-        return f"{short(given)} given{close}; allowed for {tag}: {allowed}"
+        return f"{short(value)} given{close}; allowed for {tag}: {allowed}"
     return f"unknown key{close}; allowed: {allowed}"
 
 
@@ -143,11 +143,11 @@ def _wanted(model: type[ParameterModel], location: tuple[int | str, ...]) -> str
     """What a field that is missing may be: unit, range, a usual value, as far as it has them."""
     limits = getattr(_field(model, location), "metadata", [])
     words = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
-    found = [f"{word} {getattr(m, key):g}" for m in limits for key, word in words.items() if hasattr(m, key)]
+    limits_text = [f"{word} {getattr(m, key):g}" for m in limits for key, word in words.items() if hasattr(m, key)]
     extra = _extra(model, location)
     unit = "" if extra.get("unit", "-") == "-" else str(extra["unit"])
     usual = [f"usual {extra['usual']:g}"] if "usual" in extra else []
-    return ", ".join([*([f"in {unit}"] if unit else []), *found, *usual]) or "a value of this field"
+    return ", ".join([*([f"in {unit}"] if unit else []), *limits_text, *usual]) or "a value of this field"
 
 
 def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None = None, under: str = "") -> M:
@@ -163,14 +163,14 @@ def check_field(model: type[M], content: Any, under: str) -> M:
     except ValidationError as error:
         errors = error.errors(include_url=False)
     first = errors[0]
-    location, given, kind = first["loc"], first["input"], first["type"]
+    location, value, kind = first["loc"], first["input"], first["type"]
     keys = _place(location, content, absent=kind in ("missing", "extra_forbidden"))
     if under == "scenario" and keys[:1] == ["events"]:
         keys = keys[1:]  # a run's scenario is the list of events itself
     path = [under, *keys] if under else keys
     field, message = ".".join(path), re.sub(r"^Value error, ", "", first["msg"])
     if kind == "extra_forbidden":
-        raise FieldError(field, _unknown(model, location, given), above=True)
+        raise FieldError(field, _unknown(model, location, value), above=True)
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         tag, context = first["ctx"]["discriminator"].strip("'"), first["ctx"]
         text = "missing; allowed: one of its kinds"
@@ -178,14 +178,14 @@ def check_field(model: type[M], content: Any, under: str) -> M:
             text = f"{short(context['tag'])} given; allowed: {context['expected_tags']}"
         raise FieldError(field, text, f".{tag}")
     if kind == "missing":
-        beside = [one["loc"] for one in errors if one["type"] == "missing" and one["loc"][:-1] == location[:-1]]
+        beside = [row["loc"] for row in errors if row["type"] == "missing" and row["loc"][:-1] == location[:-1]]
         if len(beside) == 1:
             raise FieldError(field, f"missing; allowed: {_wanted(model, location)}")
-        wanted = "; ".join(f"{one[-1]}: {_wanted(model, one)}" for one in beside)
-        names = ", ".join(str(one[-1]) for one in beside)
+        wanted = "; ".join(f"{place[-1]}: {_wanted(model, place)}" for place in beside)
+        names = ", ".join(str(place[-1]) for place in beside)
         raise FieldError(".".join(path[:-1]), f"{names}: missing; allowed: {wanted}")
     if kind == "value_error":
         raise FieldError(field, message)
     allowed = re.sub(r"^(Input should be|Input should have|.* should have|.* should match) ", "", message)
     unit = _extra(model, location).get("unit", "-")
-    raise FieldError(field, f"{short(given)} given; allowed: {allowed}{'' if unit == '-' else f', in {unit}'}")
+    raise FieldError(field, f"{short(value)} given; allowed: {allowed}{'' if unit == '-' else f', in {unit}'}")

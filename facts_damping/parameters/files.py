@@ -51,7 +51,7 @@ def find(kind: str, name: str, within: str = "") -> Path:
         return plain  # without a look at all the others: a sweep asks often
     known = {n.removeprefix(within): f for n, f in shipped(kind).items() if n.startswith(within)}
     if name not in known:
-        other = next((one for one in TAKEN_BY if one != kind and name in shipped(one)), None)
+        other = next((kind_name for kind_name in TAKEN_BY if kind_name != kind and name in shipped(kind_name)), None)
         hint = f", one of the {other}, which `facts-damping {TAKEN_BY[other]}` takes" if other else meant(name, known)
         allowed = f"{', '.join(known) or 'none'}, or the path of a YAML file"
         raise InputError(f"{kind}: '{name}' given{hint}; allowed: {allowed}")
@@ -60,7 +60,7 @@ def find(kind: str, name: str, within: str = "") -> Path:
 
 def check_kind(kind: str, content: Mapping[str, Any], source: str) -> None:
     """Raise `InputError` where a file is one of another kind that another command takes."""
-    other = next((one for one, field in MARKS.items() if one != kind and field in content), None)
+    other = next((kind_name for kind_name, field in MARKS.items() if kind_name != kind and field in content), None)
     if other is not None and MARKS[kind] not in content:
         takes = f"which `facts-damping {TAKEN_BY[other]}` takes"
         raise InputError(f"{source}: one of the {other} given, {takes}; allowed: one of the {kind}")
@@ -188,10 +188,10 @@ def set_field(content: dict[str, Any], key: str, value: Any, where: str) -> None
     """Set a field by its path; of a list's indices one past its end or `+` appends a row, `-1` is the last one."""
     here: Any = content
     parts = key.split(".")
-    for i, given in enumerate(parts):
-        last, part = i == len(parts) - 1, given
+    for i, key_part in enumerate(parts):
+        last, part = i == len(parts) - 1, key_part
         if isinstance(here, list):
-            part = {"+": str(len(here)), "-1": str(len(here) - 1)}.get(given, given)
+            part = {"+": str(len(here)), "-1": str(len(here) - 1)}.get(key_part, key_part)
             if not part.isdigit() or int(part) > len(here):
                 path = ".".join(parts[: i + 1])
                 raise InputError(f"{where}: {path}: '{part}' given; allowed: an index from 0 to {len(here)}")

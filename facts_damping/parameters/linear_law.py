@@ -39,9 +39,9 @@ class LinearLaw(ParameterModel):
 
     @model_validator(mode="after")
     def _one_form(self) -> LinearLaw:
-        given = [name for form in FORMS for name in form if getattr(self, name) is not None]
-        forms = [form for form in FORMS if any(name in given for name in form)]
-        if len(forms) != 1 or (given != ["D"] and not set(forms[0]) - {"D"} <= set(given)):
+        fields = [name for form in FORMS for name in form if getattr(self, name) is not None]
+        forms = [form for form in FORMS if any(name in fields for name in form)]
+        if len(forms) != 1 or (fields != ["D"] and not set(forms[0]) - {"D"} <= set(fields)):
             allowed = "A, B, C (and D), or D alone; or num, den; or zeros, poles, gain"
-            raise ValueError(f"{', '.join(given) or 'nothing'} given; allowed: {allowed}")
+            raise ValueError(f"{', '.join(fields) or 'nothing'} given; allowed: {allowed}")
         return self

@@ -65,9 +65,9 @@ class BadData(ParameterModel):
 
     @model_validator(mode="after")
     def _of_spikes(self) -> BadData:
-        given = self.model_fields_set & {"probability", "size"}
-        if self.kind != "spike" and any(getattr(self, n) != type(self).model_fields[n].default for n in given):
-            raise ValueError(f"{', '.join(sorted(given))}: given for {self.kind}; allowed: for spike only")
+        fields = self.model_fields_set & {"probability", "size"}
+        if self.kind != "spike" and any(getattr(self, n) != type(self).model_fields[n].default for n in fields):
+            raise ValueError(f"{', '.join(sorted(fields))}: given for {self.kind}; allowed: for spike only")
         return self
 
 

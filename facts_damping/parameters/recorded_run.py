@@ -35,15 +35,15 @@ def recorded_run(content: Any, source: str) -> dict[str, Any]:
         check_field(Run, run.asked or {}, "asked")
         if "system" not in content:
             raise FieldError("system", "missing; allowed: the content of a system")
-        found = run.model_dump(include=set(content))
+        fields = run.model_dump(include=set(content))
         for name in TABLES.keys() & content.keys():
-            found[name] = _table(TABLES[name], getattr(run, name), name)
+            fields[name] = _table(TABLES[name], getattr(run, name), name)
         if "scenario" in content:
             events = check_field(Scenario, {"name": "recorded", "events": run.scenario}, "scenario").events
-            found["scenario"] = [event.model_dump() for event in events]
-        for i, row in enumerate(found.get("controllers", [])):
+            fields["scenario"] = [event.model_dump() for event in events]
+        for i, row in enumerate(fields.get("controllers", [])):
             row["link"] = _table(Link, row["link"], f"controllers.{i}.link")
-    return found
+    return fields
 
 
 def _table(model: type[ParameterModel], content: Any, field: str) -> dict[str, Any] | None:

@@ -55,7 +55,7 @@ def read_keys(path: Path) -> dict[int, bytes]:
     """
     text = read_text(path)
     try:
-        given = check(Keys, parse(text), str(path)).keys
+        keys = check(Keys, parse(text), str(path)).keys
     except (InputError, *UNREADABLE) as error:
         field = re.search(r"keys(\.\d)?(\.(id|key))?(?=: )", str(error))
         where = f"{path}: {field[0]}" if field else str(path)
@@ -63,17 +63,17 @@ def read_keys(path: Path) -> dict[int, bytes]:
     mode = path.stat().st_mode & 0o777
     if mode & 0o077:
         raise InputError(f"{path}: mode {mode:04o} given; allowed: {MODE:04o}, for its owner alone (chmod 600)")
-    if len({one.id for one in given}) < len(given):
-        raise InputError(f"{path}: keys: number {given[0].id} given twice; allowed: each number once")
-    return {one.id: bytes.fromhex(one.key) for one in given}
+    if len({key.id for key in keys}) < len(keys):
+        raise InputError(f"{path}: keys: number {keys[0].id} given twice; allowed: each number once")
+    return {key.id: bytes.fromhex(key.key) for key in keys}
 
 
 def add_key(path: Path) -> tuple[int, list[int]]:
     """Put a new key first in a file, which is made where there is none; its number, and those that are kept."""
     before = read_keys(path) if path.exists() else {}
     number = max(before, default=0) + 1
-    kept = list(before.items())[: KEPT - 1]
-    rows = [{"id": i, "key": key.hex()} for i, key in [(number, secrets.token_bytes(KEY_BYTES)), *kept]]
+    rest = list(before.items())[: KEPT - 1]
+    rows = [{"id": i, "key": key.hex()} for i, key in [(number, secrets.token_bytes(KEY_BYTES)), *rest]]
     mask = os.umask(0o777 & ~MODE)
     try:
         write_whole(path, HEAD + dump({"keys": rows}))
@@ -81,4 +81,4 @@ def add_key(path: Path) -> tuple[int, list[int]]:
         raise InputError(f"{path}: {error.strerror}; allowed: a file in a folder that can be written") from error
     finally:
         os.umask(mask)
-    return number, [i for i, _ in kept]
+    return number, [i for i, _ in rest]

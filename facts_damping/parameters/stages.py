@@ -81,8 +81,8 @@ class Normal(StageModel):
     @model_validator(mode="after")
     def _around_the_mean(self) -> Normal:
         if not self.low <= self.mean <= self.high:
-            given = f"low {self.low:g}, mean {self.mean:g}, high {self.high:g} given"
-            raise ValueError(f"{given}; allowed: the mean between the bounds")
+            bounds = f"low {self.low:g}, mean {self.mean:g}, high {self.high:g} given"
+            raise ValueError(f"{bounds}; allowed: the mean between the bounds")
         return self
 
 
@@ -125,7 +125,7 @@ class Trace(StageModel):
         series = list(self.delays.values()) if isinstance(self.delays, dict) else [self.delays or []]
         if self.delays is not None and not all(series):
             raise ValueError("delays: an empty list given; allowed: at least one delay")
-        wrong = [one for own in series for one in own if one is not None and not 0.0 <= one <= LONGEST_S]
+        wrong = [delay for delays in series for delay in delays if delay is not None and not 0.0 <= delay <= LONGEST_S]
         if wrong:
             raise ValueError(f"delays: {wrong[0]:g} given; allowed: 0 to {LONGEST_S:g}")
         return self

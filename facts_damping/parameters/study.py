@@ -130,10 +130,10 @@ class Draws(ParameterModel):
     def _something(self) -> Draws:
         if not self.variables and self.kinds is None:
             raise ValueError("neither `variables` nor `kinds` given; allowed: one of them, or both")
-        common = {one.column for one in self.variables}
+        common = {variable.column for variable in self.variables}
         for name, kind in (self.kinds or {}).items():
-            columns = [one.column for one in kind.variables]
-            twice = next((one for one in columns if one in common or columns.count(one) > 1), None)
+            columns = [variable.column for variable in kind.variables]
+            twice = next((column for column in columns if column in common or columns.count(column) > 1), None)
             if twice is not None:
                 raise ValueError(f"kinds.{name}: '{twice}' drawn twice; allowed: once")
         return self
@@ -163,14 +163,14 @@ class Axis(Target):
     @model_validator(mode="after")
     def _one_kind(self) -> Axis:
         kinds = ("values", "range", "rows", "every", "draws", "zip")
-        given = [kind for kind in kinds if getattr(self, kind) is not None]
-        if len(given) != 1:
-            raise ValueError(f"{', '.join(given) or 'none'} given; allowed: one of {', '.join(kinds)}")
-        if given[0] in ("values", "range"):
+        chosen_kinds = [kind for kind in kinds if getattr(self, kind) is not None]
+        if len(chosen_kinds) != 1:
+            raise ValueError(f"{', '.join(chosen_kinds) or 'none'} given; allowed: one of {', '.join(kinds)}")
+        if chosen_kinds[0] in ("values", "range"):
             self._check_target()
             _check_numbers(self.values or [], self.fields)
         elif self.field is not None or self.fields is not None:
-            raise ValueError(f"`{given[0]}` have fields of their own; allowed: no `field`, no `fields`")
+            raise ValueError(f"`{chosen_kinds[0]}` have fields of their own; allowed: no `field`, no `fields`")
         if self.draws is not None and self.draws.kinds is not None and self.name is None:
             raise ValueError("`kinds` need a `name`, the column of the table")
         self._check_labels()

@@ -99,7 +99,7 @@ class Supervision(ParameterModel):
     def _off(cls, value: Any) -> Any:
         if not isinstance(value, dict):
             return value
-        return {name: None if one == "off" or one is False else one for name, one in value.items()}
+        return {name: None if limit == "off" or limit is False else limit for name, limit in value.items()}
 
 
 class Watch(NamedTuple):
@@ -110,14 +110,14 @@ class Watch(NamedTuple):
     follows: str  # empty: nothing, as it is not watched
 
 
-def watches(given: Supervision) -> dict[str, Watch]:
+def watches(supervision: Supervision) -> dict[str, Watch]:
     """What each monitor is set to: where the run says nothing of it, as in the table."""
-    found = {}
+    table = {}
     for name, row in MONITORS.items():
-        own = given.monitors.get(name, Threshold())
-        if own is None:
-            found[name] = Watch(math.inf, 0.0, "")
+        asked = supervision.monitors.get(name, Threshold())
+        if asked is None:
+            table[name] = Watch(math.inf, 0.0, "")
             continue
-        limit = row.limit if own.limit is None else own.limit
-        found[name] = Watch(limit, row.lasts if own.lasts is None else own.lasts, own.follows or row.follows)
-    return found
+        limit = row.limit if asked.limit is None else asked.limit
+        table[name] = Watch(limit, row.lasts if asked.lasts is None else asked.lasts, asked.follows or row.follows)
+    return table

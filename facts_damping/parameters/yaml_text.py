@@ -84,8 +84,8 @@ class PlainDumper(yaml.CSafeDumper):
 def _scalar(dumper: Any, tag: str, text: str) -> yaml.ScalarEvent:
     """A value, quoted if as a plain word it would be read as one of another kind."""
     words = dumper.yaml_implicit_resolvers.get(text[:1], ())
-    found = next((one for one, pattern in words if pattern.match(text)), TEXT)
-    return yaml.ScalarEvent(None, tag, (found == tag, tag == TEXT), text)
+    implied = next((word_tag for word_tag, pattern in words if pattern.match(text)), TEXT)
+    return yaml.ScalarEvent(None, tag, (implied == tag, tag == TEXT), text)
 
 
 class _Dumper(PlainDumper):
@@ -170,8 +170,8 @@ def _read(text: str) -> Any:
 @lru_cache(maxsize=4096)
 def _word(text: str) -> Any:
     """Value of a plain word; ODD where it is none, as `<<`."""
-    found = (tag for tag, pattern in _Loader.yaml_implicit_resolvers.get(text[:1], ()) if pattern.match(text))
-    tag = next(found, TEXT)
+    tags = (tag for tag, pattern in _Loader.yaml_implicit_resolvers.get(text[:1], ()) if pattern.match(text))
+    tag = next(tags, TEXT)
     try:
         return _Loader.yaml_constructors[tag](_Loader(""), yaml.ScalarNode(tag, text))
     except UNREADABLE:

@@ -77,7 +77,7 @@ def build(
     at: dict[str | None, int] = {None: -1} | {m.name: g for g, m in enumerate(system.machines)}
     online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
-    given = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
+    stages = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
     sources = [*(m.bus for m in system.machines), *(i.bus for i in system.infinite_buses)]
     large = len(sources) + len(ports.rows) > LARGE
     plant = Plant(
@@ -101,8 +101,8 @@ def build(
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
         load_noise=load_noise.table({}, loads, len(loads)),
         oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
-        network=np.zeros((0, 0, 0), np.complex128) if large else np.array([reduce_network(*one) for one in given]),
-        sparse_networks=Table([sparse_network(*one) for one in given] if large else []),
+        network=np.zeros((0, 0, 0), np.complex128) if large else np.array([reduce_network(*stage) for stage in stages]),
+        sparse_networks=Table([sparse_network(*stage) for stage in stages] if large else []),
         pmu_machine=np.array([at[pmu.machine] for pmu in system.pmus]),
     )
     n, source = len(installed), np.zeros(len(ports.rows), np.complex128)
@@ -132,7 +132,7 @@ def _loads_at_ports(system: System, noisy: Collection[str], listed: Sequence[Eve
 
 def port_loads(system: System, noisy: Collection[str]) -> list[Load]:
     """The loads that are ports: those that are no constant impedance, and those with noise."""
-    return [one for one in system.loads if not load.is_impedance(one) or one.name in noisy]
+    return [bus_load for bus_load in system.loads if not load.is_impedance(bus_load) or bus_load.name in noisy]
 
 
 def with_noise(built: Built, system: System, noise: Mapping[str, Float2]) -> Built:
@@ -192,7 +192,7 @@ class _Rotating(NamedTuple):
 
 def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
     n = len(system.machines)
-    made = _Rotating(
+    rotating = _Rotating(
         np.zeros(n, machine.MACHINE),
         np.zeros(n, excitation.EXCITER),
         np.zeros(n, stabiliser.STABILISER),
@@ -212,26 +212,26 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
         v = voltage[m.bus]
         current = complex(over(flow.generation[m.name], v)).conjugate() * (system.base_power / m.rating)
         start = machine.steady_state(m, system.base_power, states.offset, v, current)
-        made.rows[g], made.power[g] = start.row, start.power
+        rotating.rows[g], rotating.power[g] = start.row, start.power
         states.add(m.name, [*machine.SWING, *machine.rotor_circuits(m).names], start.states)
         excited = excitation.steady_state(exciters.get(m.name), states.offset, magnitude(v), start.field_voltage)
-        made.exciters[g] = excited.row
+        rotating.exciters[g] = excited.row
         states.add(m.name, excited.names, excited.states)
-        made.stabilisers[g] = stabiliser.row(stabilisers.get(m.name), states.offset)
+        rotating.stabilisers[g] = stabiliser.row(stabilisers.get(m.name), states.offset)
         if m.name in stabilisers:
             states.add(m.name, stabiliser.STATE_NAMES, [0.0] * len(stabiliser.STATE_NAMES))
-        made.governors[g] = governor.row(governors.get(m.name), states.offset)
+        rotating.governors[g] = governor.row(governors.get(m.name), states.offset)
         if m.name in governors:
             states.add(m.name, governor.STATE_NAMES, governor.start(governors[m.name], start.power))
         seen = _sensed(v, current, start)
         for data in [tables[role, m.name] for role in blocks.ROLES if (role, m.name) in tables]:
-            made.violations.extend(_add_blocks(made, g, data, seen, states))
-    return made
+            rotating.violations.extend(_add_blocks(rotating, g, data, seen, states))
+    return rotating
 
 
 def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> dict[str, float]:
     """The inputs of block controls at the start, p.u. of the machine's rating."""
-    v, i = (complex(one) for one in times([voltage, current], rect(1.0, math.pi / 2 - float(start.states[0]))))
+    v, i = (complex(phasor) for phasor in times([voltage, current], rect(1.0, math.pi / 2 - float(start.states[0]))))
     power = v.real * i.real + v.imag * i.imag
     sensed = {
         "Vt": magnitude(v),
@@ -272,12 +272,12 @@ def _add_blocks(
 
 
 def _loads(
-    system: System, loads: Sequence[Load], flow: PowerFlow, magnitude: dict[str, float], states: _States, ports: _Ports
+    system: System, loads: Sequence[Load], flow: PowerFlow, voltages: dict[str, float], states: _States, ports: _Ports
 ) -> NDArray[Any]:
     """Loads that are not constant impedances; frequency-dependent ones at rest."""
     rows, voltage = [], flow.by_bus
     for i, x in enumerate(loads):
-        reference = 1.0 if x.at == "nominal" else magnitude[x.bus]
+        reference = 1.0 if x.at == "nominal" else voltages[x.bus]
         rows.append(load.row(x, system.base_power, reference, ports.add(LOAD, i, Place(x.bus)), states.offset))
         if load.depends_on_frequency(x):
             angle = phase(voltage[x.bus])
@@ -289,7 +289,7 @@ def _devices(
     system: System,
     installed: Sequence[Device],
     flow: PowerFlow,
-    magnitude: dict[str, float],
+    voltages: dict[str, float],
     states: _States,
     ports: _Ports,
 ) -> NDArray[Any]:
@@ -301,7 +301,7 @@ def _devices(
         elif isinstance(device, Series):
             places, sizes = [Place(device=device)], [flow.currents[device.name]]
         else:
-            places, sizes = [Place(bus) for bus in device.buses], [magnitude[bus] for bus in device.buses]
+            places, sizes = [Place(bus) for bus in device.buses], [voltages[bus] for bus in device.buses]
         site = Site(states.offset, 2 * math.pi * system.frequency, sizes[0], sizes[-1], system.base_power, machine)
         start = devices.install(rows[d], device, site)
         rows[d]["port"] = ports.add(DEVICE, d, places[0], start.minimum, start.maximum) if places else -1

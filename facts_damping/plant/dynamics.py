@@ -133,8 +133,8 @@ def derivatives(
         o = m.offset
         omega = x[o + 1]
         at = stator(plant, stage, g, work)
-        efd, given = move_controls(plant, x, stage, g, at, dx, work)
-        driven = given * plant.online[stage, g]
+        efd, mechanical_power = move_controls(plant, x, stage, g, at, dx, work)
+        driven = mechanical_power * plant.online[stage, g]
         dx[o] = plant.omega_0 * omega
         dx[o + 1] = ((driven - at.power) / (1.0 + m.speed * omega) - m.D * omega) / (2.0 * m.H)
         if m.circuits == 4:  # the usual number, so that the compiler unrolls the loop

@@ -62,13 +62,13 @@ def timeline(listed: Sequence[Event]) -> list[Change]:
 
     A forced oscillation ends with one of amplitude 0.
     """
-    found = []
+    changes = []
     for i, event in enumerate(listed):
-        found.append(Change(to_ns(event.time), f"events.{i}", event))
+        changes.append(Change(to_ns(event.time), f"events.{i}", event))
         if isinstance(event, LASTING) and event.duration is not None:
             end = event.time + event.duration
-            found.append(Change(to_ns(end), f"events.{i}.duration", _end(event, end)))
-    return sorted(found, key=lambda change: change.time_ns)
+            changes.append(Change(to_ns(end), f"events.{i}.duration", _end(event, end)))
+    return sorted(changes, key=lambda change: change.time_ns)
 
 
 def _end(event: Lasting, time: float) -> Event:
@@ -81,18 +81,18 @@ def _end(event: Lasting, time: float) -> Event:
 
 def topology_intervals(system: System, listed: Sequence[Event]) -> list[TopologyInterval]:
     """The stages of a run, beginning at the start. Raises `InputError` if an event is impossible."""
-    found = [TopologyInterval(islands=check_islands(system, Topology(), f"system {system.name}: has an"))]
+    intervals = [TopologyInterval(islands=check_islands(system, Topology(), f"system {system.name}: has an"))]
     for change in timeline(listed):
-        after = _apply(system, found[-1], change)
-        if after is found[-1]:
+        after = _apply(system, intervals[-1], change)
+        if after is intervals[-1]:
             continue
         islands = check_islands(system, after.topology, f"{change.where} ({change.event.kind}): leaves an")
         after = replace(after, islands=islands)
-        if change.time_ns == found[-1].start_ns:
-            found[-1] = after
+        if change.time_ns == intervals[-1].start_ns:
+            intervals[-1] = after
         else:
-            found.append(replace(after, start_ns=change.time_ns))
-    return found
+            intervals.append(replace(after, start_ns=change.time_ns))
+    return intervals
 
 
 def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyInterval:
@@ -147,8 +147,8 @@ def _check_oscillation(system: System, before: Topology, event: events.ForcedOsc
 def _brake(before: Topology, event: events.Brake, where: str, base_power: float) -> Topology:
     if event.power is None:  # `brake_out`
         if event.bus not in before.brakes:
-            given = f"'{event.bus}' given, where no brake is inserted"
-            raise InputError(f"{where}: {given}; allowed: {', '.join(before.brakes) or 'none'}")
+            problem = f"'{event.bus}' given, where no brake is inserted"
+            raise InputError(f"{where}: {problem}; allowed: {', '.join(before.brakes) or 'none'}")
         return replace(before, brakes={bus: g for bus, g in before.brakes.items() if bus != event.bus})
     if event.bus in before.brakes:
         raise InputError(f"{where}: '{event.bus}' given, where a brake is inserted already; allowed: one brake a bus")

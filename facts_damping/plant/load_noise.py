@@ -50,7 +50,7 @@ def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: 
     """
     if noise is None:
         return {}
-    points, found = math.ceil(min(duration, LONGEST) * RATE) + 1, {}
+    points, drawn = math.ceil(min(duration, LONGEST) * RATE) + 1, {}
     for i, load in enumerate(loads):
         std, time, correlation = noise.of(load.name)
         if std == 0.0:
@@ -58,27 +58,27 @@ def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: 
         random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, i)))
         n = random_numbers.standard_normal(random, (points, 2))
         n[:, 1] = correlation * n[:, 0] + math.sqrt(1.0 - correlation * correlation) * n[:, 1]
-        found[load.name] = np.zeros((points, 2))
-        _follow(std, exp(-1.0 / (RATE * time)), n, found[load.name])
-    return found
+        drawn[load.name] = np.zeros((points, 2))
+        _follow(std, exp(-1.0 / (RATE * time)), n, drawn[load.name])
+    return drawn
 
 
 def table(drawn: Mapping[str, Float2], loads: Sequence[Load], count: int) -> Float3:
     """Noise of a plant's loads, (points, count, 2): zeros for loads without noise; no points if all are without."""
     points = len(next(iter(drawn.values()))) if drawn else 0
-    made = np.zeros((points, count, 2))
+    noise = np.zeros((points, count, 2))
     for i, load in enumerate(loads):
         if load.name in drawn:
-            made[:, i] = drawn[load.name]
-    return made
+            noise[:, i] = drawn[load.name]
+    return noise
 
 
 def fitted(noise: Float3, count: int) -> Float3:
     """A table for a plant with another number of loads, of which those with noise are the first."""
-    made = np.zeros((len(noise), count, 2))
+    resized = np.zeros((len(noise), count, 2))
     common = min(count, noise.shape[1])
-    made[:, :common] = noise[:, :common]
-    return made
+    resized[:, :common] = noise[:, :common]
+    return resized
 
 
 @entry_point
@@ -112,13 +112,13 @@ def begin_noise(plant: Plant, work: Work, time_ns: int, end_ns: int) -> int:
         return end_ns
     k = _place(time_ns)
     here, following = k * NANOSECONDS // RATE, (k + 1) * NANOSECONDS // RATE
-    one, other = _folded(k, last), _folded(k + 1, last)
+    before, other = _folded(k, last), _folded(k + 1, last)
     for i in range(plant.load_noise.shape[1]):
         for j in range(2):
-            work.noise_slope[i, j] = (plant.load_noise[other, i, j] - plant.load_noise[one, i, j]) / (
+            work.noise_slope[i, j] = (plant.load_noise[other, i, j] - plant.load_noise[before, i, j]) / (
                 (following - here) * 1e-9
             )
-            work.noise_start[i, j] = plant.load_noise[one, i, j] + work.noise_slope[i, j] * ((time_ns - here) * 1e-9)
+            work.noise_start[i, j] = plant.load_noise[before, i, j] + work.noise_slope[i, j] * ((time_ns - here) * 1e-9)
             work.noise[i, j] = work.noise_start[i, j]
     return min(end_ns, following)
 

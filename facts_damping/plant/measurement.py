@@ -38,14 +38,14 @@ def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work
 def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> None:
     """Write the true values of device d: from its port if in parallel, then those of its kind."""
     row = plant.devices[d]
-    response, given, blocked = 0j, 0j, False
+    response, current, blocked = 0j, 0j, False
     if row.port >= 0:
-        response, given, blocked = work.response[row.port], state.source[row.port], work.blocked[row.port]
-    flow = response * given.conjugate()
+        response, current, blocked = work.response[row.port], state.source[row.port], work.blocked[row.port]
+    flow = response * current.conjugate()
     out.setpoint = state.target[d]
     out.reference = state.reference[d]
     out.injected_voltage = out.active_voltage = out.dc_voltage = out.state = math.nan
-    out.current = magnitude(given)
+    out.current = magnitude(current)
     out.active_power = flow.real
     out.reactive_power = flow.imag
     out.blocked = 1.0 if blocked else 0.0

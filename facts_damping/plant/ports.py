@@ -98,12 +98,12 @@ def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
                 h = row_times(plant, stage, first_row + p, work.unit, work)
             else:
                 h = plant.network[stage, first_row + p, first_column + r]
-            own = 1.0 if p == r else 0.0
+            diagonal = 1.0 if p == r else 0.0
             i, j = 2 * p, 2 * r
-            work.matrix[i, j] = own - (work.slope[p, 0, 0] * h.real + work.slope[p, 0, 1] * h.imag)
+            work.matrix[i, j] = diagonal - (work.slope[p, 0, 0] * h.real + work.slope[p, 0, 1] * h.imag)
             work.matrix[i, j + 1] = work.slope[p, 0, 0] * h.imag - work.slope[p, 0, 1] * h.real
             work.matrix[i + 1, j] = -(work.slope[p, 1, 0] * h.real + work.slope[p, 1, 1] * h.imag)
-            work.matrix[i + 1, j + 1] = own + work.slope[p, 1, 0] * h.imag - work.slope[p, 1, 1] * h.real
+            work.matrix[i + 1, j + 1] = diagonal + work.slope[p, 1, 0] * h.imag - work.slope[p, 1, 1] * h.real
         work.unit[first_column + r] = 0.0
 
 

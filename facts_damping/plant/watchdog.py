@@ -59,15 +59,15 @@ WATCH = np.dtype(
 LAST_ACCEPTED = np.dtype([("accepted_ns", "i8"), ("at_s", "f8")])
 
 
-def settings(given: Watchdog | None, frame_rate: int) -> NDArray[Any]:
+def settings(watchdog: Watchdog | None, frame_rate: int) -> NDArray[Any]:
     """A watchdog's row; None: off."""
     row = np.zeros((), WATCHDOG)
-    if given is None:
+    if watchdog is None:
         return row
     row["on"] = 1
-    row["timeout_ns"], row["max_age_ns"] = to_ns(given.timeout), to_ns(given.max_age)
+    row["timeout_ns"], row["max_age_ns"] = to_ns(watchdog.timeout), to_ns(watchdog.max_age)
     row["tick_ns"] = -(-NANOSECONDS // frame_rate)
-    row["good"], row["release_rate"] = given.good or 0, given.release_rate
+    row["good"], row["release_rate"] = watchdog.good or 0, watchdog.release_rate
     return row
 
 
@@ -86,29 +86,29 @@ def initial_clock_state(devices: int) -> NDArray[Any]:
 
 
 @compiled
-def accepts(settings: Any, watch: Any, setpoint: Any, setpoint_max: float, now: int) -> bool:
+def accepts(limits: Any, watch: Any, setpoint: Any, setpoint_max: float, now: int) -> bool:
     """Whether a setpoint may act; updates the state of the watchdog.
 
-    `settings` is a row of WATCHDOG, `watch` one of WATCH, `setpoint` one of SETPOINT, `setpoint_max` the device's
+    `limits` is a row of WATCHDOG, `watch` one of WATCH, `setpoint` one of SETPOINT, `setpoint_max` the device's
     limit, p.u. A watchdog that is off refuses only non-finite values; others are limited.
     """
-    if settings.on == 0:
+    if limits.on == 0:
         return math.isfinite(setpoint.value)
     age = now - setpoint.measured_ns
     again = setpoint.issued_ns == watch.issued_ns and setpoint.measured_ns <= watch.measured_ns
     if not abs(setpoint.value) <= setpoint_max:
         watch.refused_value += 1
-    elif age > settings.max_age_ns or age < -settings.tick_ns or setpoint.issued_ns > now + settings.tick_ns:
+    elif age > limits.max_age_ns or age < -limits.tick_ns or setpoint.issued_ns > now + limits.tick_ns:
         watch.refused_stamp += 1
     elif again or setpoint.issued_ns < watch.issued_ns:
         watch.refused_order += 1
     else:
-        late = watch.accepted_ns != NOT_YET and now - watch.accepted_ns >= settings.timeout_ns
+        late = watch.accepted_ns != NOT_YET and now - watch.accepted_ns >= limits.timeout_ns
         watch.good = 0 if late else watch.good
         watch.accepted_ns, watch.issued_ns, watch.measured_ns = now, setpoint.issued_ns, setpoint.measured_ns
         if watch.released == 1:
             watch.good += 1
-            if watch.good == settings.good:
+            if watch.good == limits.good:
                 watch.released = watch.good = 0
         return bool(watch.released == 0)
     watch.good = 0
@@ -116,11 +116,11 @@ def accepts(settings: Any, watch: Any, setpoint: Any, setpoint_max: float, now: 
 
 
 @compiled
-def due_ns(settings: Any, watch: Any) -> int:
+def due_ns(limits: Any, watch: Any) -> int:
     """Time of the release if no setpoint comes; -1: none, as it is released already or has had no setpoint."""
-    if settings.on == 0 or watch.released == 1 or watch.accepted_ns == NOT_YET:
+    if limits.on == 0 or watch.released == 1 or watch.accepted_ns == NOT_YET:
         return NOT_YET
-    return int(watch.accepted_ns + settings.timeout_ns)
+    return int(watch.accepted_ns + limits.timeout_ns)
 
 
 @compiled
@@ -168,12 +168,12 @@ def line(dead_times: Sequence[float]) -> tuple[NDArray[Any], Int1]:
 
 
 @compiled
-def send(under_way: NDArray[Any], waiting: Int1, d: int, due_ns: int, value: float) -> None:
+def send(under_way: NDArray[Any], waiting: Int1, d: int, acts_ns: int, value: float) -> None:
     """Queue a setpoint of device d, due no earlier than those in the queue."""
     n, room = waiting[d], under_way.shape[1]
     if 2 * n >= room and (n == room or under_way[d, n - 1].due_ns - under_way[d, n - 2].due_ns < CLOSE):
         n -= 1
-    under_way[d, n].due_ns, under_way[d, n].value = due_ns, value
+    under_way[d, n].due_ns, under_way[d, n].value = acts_ns, value
     waiting[d] = n + 1
 
 

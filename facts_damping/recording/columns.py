@@ -55,20 +55,20 @@ def blocks(data: Sequence[bytes], fields: Mapping[str, Any], message_type: str) 
 
     `fields`: fields of each type, as `rosbags` gives them. Places do not count messages that are left out.
     """
-    lengths = np.array([len(one) for one in data], np.int64)
-    found: list[Block] = []
+    lengths = np.array([len(message) for message in data], np.int64)
+    read: list[Block] = []
     for length in np.unique(lengths).tolist():
         rows = np.flatnonzero(lengths == length)
         stacked = np.frombuffer(b"".join([data[row] for row in rows.tolist()]), np.uint8).reshape(len(rows), length)
         parts = _alike(stacked, fields, message_type)
-        found += [Block(rows[part], Walk(stacked[part], fields).read(message_type)) for part in parts]
-    return counted(sorted(found, key=lambda one: int(one.rows[0]))), len(data) - sum(len(one.rows) for one in found)
+        read += [Block(rows[part], Walk(stacked[part], fields).read(message_type)) for part in parts]
+    return counted(sorted(read, key=lambda part: int(part.rows[0]))), len(data) - sum(len(part.rows) for part in read)
 
 
-def counted(blocks: list[Block]) -> list[Block]:
+def counted(typed_blocks: list[Block]) -> list[Block]:
     """Blocks renumbered so that places have no gaps."""
-    places = np.sort(np.concatenate([one.rows for one in blocks])) if blocks else np.zeros(0, np.int64)
-    return [one._replace(rows=np.searchsorted(places, one.rows)) for one in blocks]
+    places = np.sort(np.concatenate([block.rows for block in typed_blocks])) if typed_blocks else np.zeros(0, np.int64)
+    return [block._replace(rows=np.searchsorted(places, block.rows)) for block in typed_blocks]
 
 
 def kept(block: Block, rows: NDArray[np.int64]) -> Block:
@@ -79,9 +79,9 @@ def kept(block: Block, rows: NDArray[np.int64]) -> Block:
 
 def _kept(value: Any, keep: NDArray[np.bool_]) -> Any:
     if isinstance(value, SimpleNamespace):
-        return SimpleNamespace(**{name: _kept(one, keep) for name, one in vars(value).items()})
+        return SimpleNamespace(**{name: _kept(member, keep) for name, member in vars(value).items()})
     if isinstance(value, list):
-        return [_kept(one, keep) for one in value]
+        return [_kept(member, keep) for member in value]
     return value[keep] if isinstance(value, np.ndarray) else value
 
 

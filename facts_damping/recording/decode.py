@@ -39,12 +39,12 @@ def decode(topic: TopicInfo, data: Sequence[bytes], notes: list[str]) -> list[Bl
     if not data:  # then an older schema does no harm
         return []
     try:
-        found, odd = blocks(data, _definitions(topic.message_type, topic.schema), topic.message_type)
+        decoded, odd = blocks(data, _definitions(topic.message_type, topic.schema), topic.message_type)
     except KeyError as error:
         raise RecordingError(f"{topic.name}: the schema of {topic.message_type} lacks {error}") from error
     if odd:
         notes.append(f"{topic.name}: {odd} messages that are no {topic.message_type} are left out")
-    return found
+    return decoded
 
 
 @lru_cache(maxsize=64)
@@ -55,11 +55,11 @@ def _definitions(message_type: str, schema: str) -> Typesdict:
     return definitions
 
 
-def series(topic: str, blocks: Sequence[Block], several: bool, notes: list[str]) -> Series:
+def series(topic: str, parts: Sequence[Block], several: bool, notes: list[str]) -> Series:
     """Messages sorted by tick; of one tick only the first is kept, or all if `several`. A note counts the others."""
-    count = sum(len(block.rows) for block in blocks)
+    count = sum(len(block.rows) for block in parts)
     ticks = np.zeros(count, np.int64)
-    for block in blocks:
+    for block in parts:
         ticks[block.rows] = block.message.tick
     sorted_ticks, first = np.unique(ticks, return_index=True)
     again = count - len(sorted_ticks)
@@ -71,7 +71,7 @@ def series(topic: str, blocks: Sequence[Block], several: bool, notes: list[str])
     if again:
         text = "all are kept" if several else "the first counts"
         notes.append(f"{topic}: {again} messages repeat a tick: {text}")
-    return Series(topic, sorted_ticks, _placed(blocks, place))
+    return Series(topic, sorted_ticks, _placed(parts, place))
 
 
 def select(source: Series, ticks: NDArray[np.int64]) -> Series:
@@ -89,9 +89,9 @@ def _part(source: Series, keep: NDArray[np.bool_]) -> Series:
     return Series(source.topic, source.ticks[keep], _placed(source.blocks, place))
 
 
-def _placed(blocks: Sequence[Block], place: NDArray[np.int64]) -> list[Block]:
+def _placed(parts: Sequence[Block], positions: NDArray[np.int64]) -> list[Block]:
     """Blocks moved to new places, in order of first appearance; messages with a negative place are left out."""
-    moved = [kept(block, place[block.rows]) for block in blocks]
+    moved = [kept(block, positions[block.rows]) for block in parts]
     return sorted((block for block in moved if len(block.rows)), key=lambda block: int(block.rows.min()))
 
 
@@ -103,9 +103,9 @@ def column(source: Series, value: Callable[[Any], NDArray[Any]], kind: type) -> 
     return values
 
 
-def names_of(blocks: Iterable[Block], entries: str, name: str) -> list[str]:
+def names_of(parts: Iterable[Block], entries: str, name: str) -> list[str]:
     """Values of the field `name` in the list `entries` of the messages, in order of appearance."""
-    return list(dict.fromkeys(getattr(entry, name) for block in blocks for entry in getattr(block.message, entries)))
+    return list(dict.fromkeys(getattr(entry, name) for block in parts for entry in getattr(block.message, entries)))
 
 
 def time_ns(time: Any) -> NDArray[np.int64]:

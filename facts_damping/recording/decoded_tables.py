@@ -195,7 +195,7 @@ def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> ND
 
 def latest(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) -> NewestTicks:
     """Newest input ticks of each node when it acted (`record.Record.latest`); empty if its messages lack them."""
-    found: NewestTicks = {}
+    newest: NewestTicks = {}
     for source in sources:
         parts: dict[tuple[str, int, str], list[NDArray[np.int64]]] = {}
         for block in source.blocks:
@@ -206,8 +206,8 @@ def latest(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) -
                 parts.setdefault((role, place(sender(block.message)), what), []).append(pairs)
         for key, tables in parts.items():
             whole = np.concatenate(tables)
-            found[key] = whole[np.argsort(whole[:, 0], kind="stable")]
-    return found
+            newest[key] = whole[np.argsort(whole[:, 0], kind="stable")]
+    return newest
 
 
 def _rows(layout: Any, block: Block, source: Series, **fields: Any) -> NDArray[Any]:

@@ -37,10 +37,10 @@ def subtract_epoch(messages: Mapping[str, Sequence[Block]], plant: Iterable[str]
 
     The start is the median over the plant's messages. An unknown frame rate follows from their median time step.
     """
-    found = [block for topic in plant for block in messages[topic]]
+    plant_blocks = [block for topic in plant for block in messages[topic]]
     none = np.zeros(0, np.int64)
-    stamps = np.concatenate([none, *(time_ns(block.message.header.stamp) for block in found)])
-    bounded = (np.minimum(np.asarray(block.message.tick, np.uint64), np.uint64(MAX_TICKS)) for block in found)
+    stamps = np.concatenate([none, *(time_ns(block.message.header.stamp) for block in plant_blocks)])
+    bounded = (np.minimum(np.asarray(block.message.tick, np.uint64), np.uint64(MAX_TICKS)) for block in plant_blocks)
     ticks = np.concatenate([none, *(part.astype(np.int64) for part in bounded)])
     if not len(stamps) or np.median(stamps) < SIMULATED_NS:
         return
@@ -58,8 +58,8 @@ def subtract_epoch(messages: Mapping[str, Sequence[Block]], plant: Iterable[str]
 def _shift(part: Any, begin_ns: int) -> None:
     """Subtract a time from all times in a message and its parts."""
     if isinstance(part, (list, tuple)):
-        for one in part:
-            _shift(one, begin_ns)
+        for member in part:
+            _shift(member, begin_ns)
         return
     content = getattr(part, "__dict__", None)
     if content is None:
@@ -68,8 +68,8 @@ def _shift(part: Any, begin_ns: int) -> None:
         moved = time_ns(part) - begin_ns
         part.sec, part.nanosec = moved // NANOSECONDS, moved % NANOSECONDS
         return
-    for one in content.values():
-        _shift(one, begin_ns)
+    for member in content.values():
+        _shift(member, begin_ns)
 
 
 def events(blocks: Iterable[Block]) -> list[GridEvent]:

@@ -70,12 +70,12 @@ def check_fields(message_type: str, definitions: Mapping[str, Any]) -> None:
     `definitions`: types that the schema defines, as `rosbags` gives them. Types must be identical, as ROS 2 itself
     requires: the meaning of a number of another type is unknown.
     """
-    for owner in (one for one in FIELDS if one in definitions):
-        given = {name: written(kind) for name, kind in definitions[owner][1]}
+    for owner in (type_name for type_name in FIELDS if type_name in definitions):
+        types = {name: written(kind) for name, kind in definitions[owner][1]}
         for name, allowed in FIELDS[owner].items():
-            found = given.get(name, "no such field")
-            if found != allowed:
-                raise RecordingError(f"schema of {message_type}: {owner}.{name}: {found} given; allowed: {allowed}")
+            type_text = types.get(name, "no such field")
+            if type_text != allowed:
+                raise RecordingError(f"schema of {message_type}: {owner}.{name}: {type_text} given; allowed: {allowed}")
 
 
 def written(kind: Any) -> str:
@@ -83,8 +83,8 @@ def written(kind: Any) -> str:
     node, what = kind
     if node == Nodetype.NAME:
         return str(what)
-    one, count = what
+    base, count = what
     if node == Nodetype.BASE:
-        return f"{one}<={count}" if count else str(one)
+        return f"{base}<={count}" if count else str(base)
     bound = "<=" if node == Nodetype.SEQUENCE and count else ""
-    return f"{written(one)}[{bound}{count or ''}]"
+    return f"{written(base)}[{bound}{count or ''}]"

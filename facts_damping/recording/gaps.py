@@ -39,7 +39,7 @@ def late_starts(changes: Sequence[RunChange]) -> set[tuple[str, int, int]]:
 
 def first_complete_tick(series: dict[str, list[Series]], late: set[tuple[str, int, int]]) -> int:
     """First tick at which the series of all nodes that were present then have begun."""
-    firsts = [(_owner(kind, i, one), int(one.ticks[0])) for kind, i, one in _of_nodes(series) if len(one.ticks)]
+    firsts = [(_owner(kind, i, part), int(part.ticks[0])) for kind, i, part in _of_nodes(series) if len(part.ticks)]
     return max([tick for owner, tick in firsts if not list(_begins(late, owner, 0, tick))], default=0)
 
 
@@ -53,11 +53,11 @@ def find_absences(
     is an absence as well.
     """
     away: list[Absence] = []
-    for kind, i, one in _of_nodes(series):
-        owner = _owner(kind, i, one)
+    for kind, i, part in _of_nodes(series):
+        owner = _owner(kind, i, part)
         link = None if kind in OF_LINKS else ("link", _link(series, owner[1]))
         unserved = [x for x in away if (x.role, x.index) == link]  # complete: links come first
-        for a, b in _gaps(one, first, end):
+        for a, b in _gaps(part, first, end):
             served = any(x.first <= a and b <= x.end for x in unserved)
             begun = max(_begins(late, owner, a, b), default=None)
             if begun is not None and kind in OF_LINKS and _answered(series, late, begun, b):
@@ -72,23 +72,23 @@ def missing_ticks(
 ) -> Iterator[tuple[str, Series, list[tuple[int, int]]]]:
     """Kind, series, and its gaps from `first` to before `end` that are not absences of the node."""
     for kind, parts in series.items():
-        for i, one in enumerate(parts):
-            gaps = _gaps(one, first, end)
+        for i, part in enumerate(parts):
+            gaps = _gaps(part, first, end)
             if kind in ROLES:
-                ends = [x.end for x in away if (x.role, x.index) == _owner(kind, i, one)]
+                ends = [x.end for x in away if (x.role, x.index) == _owner(kind, i, part)]
                 gaps = [(max((e for e in ends if a < e <= b), default=a), b) for a, b in gaps]
-            yield kind, one, [(a, b) for a, b in gaps if a < b]
+            yield kind, part, [(a, b) for a, b in gaps if a < b]
 
 
 def gap_notes(series: dict[str, list[Series]], away: Sequence[Absence], last: int) -> list[str]:
     """A note for each topic that lacks ticks before the last one, which needs no reply."""
     notes = []
-    for _, one, gaps in missing_ticks(series, away, 0, last):
+    for _, part, gaps in missing_ticks(series, away, 0, last):
         if gaps:
             count = sum(b - a for a, b in gaps)
             listed = list(islice((tick for a, b in gaps for tick in range(a, b)), LISTED + 1))
             text = ", ".join(map(str, listed[:LISTED])) + (", ..." if len(listed) > LISTED else "")
-            notes.append(f"{one.topic}: {count} of {last + 1} ticks are missing ({text})")
+            notes.append(f"{part.topic}: {count} of {last + 1} ticks are missing ({text})")
     return notes
 
 
@@ -108,10 +108,10 @@ def lost_messages(series: dict[str, list[Series]], counted: Mapping[str, int], l
     lost: Counter[str] = Counter()
     for whose, count in counted.items():
         lost[whose.partition(" ")[0]] += count
-    plant = [one for kind in OF_PLANT for one in series[kind] if len(one.ticks)]
-    first, last = min(one.ticks[0] for one in plant), max([last, *(one.ticks[-1] for one in plant)])
-    for one in plant:
-        lost[one.topic] = max(lost[one.topic], sum(b - a for a, b in _gaps(one, int(first), int(last) + 1)))
+    plant = [part for kind in OF_PLANT for part in series[kind] if len(part.ticks)]
+    first, last = min(part.ticks[0] for part in plant), max([last, *(part.ticks[-1] for part in plant)])
+    for part in plant:
+        lost[part.topic] = max(lost[part.topic], sum(b - a for a, b in _gaps(part, int(first), int(last) + 1)))
     return lost.total()
 
 
@@ -123,13 +123,13 @@ def _begins(late: set[tuple[str, int, int]], owner: tuple[str, int], first: int,
 def _answered(series: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int) -> bool:
     """Whether a controller issued a setpoint or began within these ticks, so that it received deliveries."""
     begun = any(role == "controller" and first <= tick < end for role, _, tick in late)
-    return begun or any(((one.ticks >= first) & (one.ticks < end)).any() for one in series.get("issued", []))
+    return begun or any(((part.ticks >= first) & (part.ticks < end)).any() for part in series.get("issued", []))
 
 
 def _of_nodes(series: dict[str, list[Series]]) -> Iterator[tuple[str, int, Series]]:
     for kind in ROLES:
-        for i, one in enumerate(series.get(kind, [])):
-            yield kind, i, one
+        for i, part in enumerate(series.get(kind, [])):
+            yield kind, i, part
 
 
 def _owner(kind: str, i: int, series: Series) -> tuple[str, int]:
@@ -139,7 +139,7 @@ def _owner(kind: str, i: int, series: Series) -> tuple[str, int]:
 
 def _link(series: dict[str, list[Series]], controller: int) -> int:
     """Index of the link that a controller, its supervisor and its identifier use: its own, else the first."""
-    places = [decode.place(one.topic.split("/")[-3]) for one in series.get("delivered", [])]
+    places = [decode.place(part.topic.split("/")[-3]) for part in series.get("delivered", [])]
     return max([i for i, place in enumerate(places) if place == controller], default=0)
 
 

@@ -76,9 +76,9 @@ def load(path: Path | str) -> Record:
         raise RecordingError(content.refusal(reason)) from error
     except RecordingError as error:
         raise RecordingError(content.refusal(f"{path}: {error}")) from error
-    if content.digest and content.digest != (found := digest(record)):
+    if content.digest and content.digest != (recomputed := digest(record)):
         stored = f"not {content.digest} as stored in it"
-        record.notes.append(f"digest {found}, {stored}: the recording was changed or is damaged")
+        record.notes.append(f"digest {recomputed}, {stored}: the recording was changed or is damaged")
     return record
 
 
@@ -105,7 +105,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     events.subtract_epoch(messages, topics["state"], configuration.get("frame_rate"))
     of = expected(configuration)
     drop_foreign(messages, topics, of, notes)
-    found = {
+    series = {
         kind: [decode.series(topic, messages[topic], kind in ALL_COUNT, notes) for topic in names]
         for kind, names in topics.items()
         if kind not in UNTIMED
@@ -113,15 +113,15 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     untimed = {kind: [block for topic in topics[kind] for block in messages[topic]] for kind in UNTIMED}
     changes = events.changes(untimed["changes"])
     late = gaps.late_starts(changes)
-    ticks = _ticks(found, late, content.complete, silent)
-    away = gaps.find_absences(found, late, 0, int(ticks[-1]) + 1)
-    notes += gaps.gap_notes(found, away, int(ticks[-1]))
+    ticks = _ticks(series, late, content.complete, silent)
+    away = gaps.find_absences(series, late, 0, int(ticks[-1]) + 1)
+    notes += gaps.gap_notes(series, away, int(ticks[-1]))
     ends = [events.run_ended(messages[topic]) for topic in topics["run"]]
-    lost = gaps.lost_messages(found, content.lost, ends[0][1] if ends and ends[0] else -1)
-    _check_end(ticks, configuration, found["state"][0], content.complete, ends, notes)
+    lost = gaps.lost_messages(series, content.lost, ends[0][1] if ends and ends[0] else -1)
+    _check_end(ticks, configuration, series["state"][0], content.complete, ends, notes)
     return replace(
-        _tables(configuration, found, ticks, of),
-        links=len(found["delivered"]),
+        _tables(configuration, series, ticks, of),
+        links=len(series["delivered"]),
         events=events.events(untimed["events"]),
         refused=events.refused(untimed["refused"]),
         joined=events.joined(untimed["diagnostics"]),
@@ -131,7 +131,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         versions=content.versions,
         notes=notes,
         messages_lost=lost,
-        gap_tick=gaps.first_missing(found, away, ticks),
+        gap_tick=gaps.first_missing(series, away, ticks),
     )
 
 
@@ -140,7 +140,7 @@ def _tables(
 ) -> Record:
     """A record with the tables of its ticks; `of`: names that the run gives."""
     first, last = int(ticks[0]), int(ticks[-1])
-    cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in series.items()}
+    cut = {kind: [decode.between(part, first, last) for part in parts] for kind, parts in series.items()}
     measured, state = (decode.select(cut[kind][0], ticks) for kind in REQUIRED)
     pmus = _named(of, "pmu", measured, "frames")
     devices, machines = (_named(of, kind, state, f"{kind}s") for kind in ("device", "machine"))
@@ -242,16 +242,16 @@ def _messages(content: Content, topics: Mapping[str, Sequence[str]], notes: list
         count, data[topic] = len(data[topic]), list(dict.fromkeys(data[topic]))
         if len(data[topic]) < count:
             notes.append(f"{topic}: {count - len(data[topic])} messages are copies of others: the first counts")
-    found: dict[str, list[Block]] = {}
+    blocks: dict[str, list[Block]] = {}
     for topic in list(data):
         try:
-            found[topic] = decode.decode(content.topics[topic], data.pop(topic), notes)
+            blocks[topic] = decode.decode(content.topics[topic], data.pop(topic), notes)
         except RecordingError as error:
             if not content.topics[topic].message_type.startswith("diagnostic_msgs/"):
                 raise
-            found[topic] = []  # any program may publish diagnostics
+            blocks[topic] = []  # any program may publish diagnostics
             notes.append(f"{topic} is left out: {error}")
-    return found
+    return blocks
 
 
 def _silent(content: Content, frames: str, frame_rate: Any) -> set[str]:
@@ -273,13 +273,13 @@ def _ticks(
     because a recorder does not discover all topics at once. The tick that ends an unstable run stays: it needs no
     reply. `silent`: topics that do not count at the end. Raises RecordingError if none is left.
     """
-    plant, everything = [series[kind][0] for kind in REQUIRED], [one for parts in series.values() for one in parts]
-    ticks: NDArray[np.int64] = reduce(np.intersect1d, [one.ticks for one in plant])
+    plant, everything = [series[kind][0] for kind in REQUIRED], [part for parts in series.values() for part in parts]
+    ticks: NDArray[np.int64] = reduce(np.intersect1d, [part.ticks for part in plant])
     needed = everything if len(ticks) or not complete else plant
     synchronous = decode.column(plant[1], attrgetter("in_synchronism"), np.bool_)
     ended = len(synchronous) > 0 and not synchronous[-1]
     if not complete and not ended:
-        last = min(one.ticks[-1] if len(one.ticks) else -1 for one in everything if one.topic not in silent)
+        last = min(part.ticks[-1] if len(part.ticks) else -1 for part in everything if part.topic not in silent)
         ticks = ticks[ticks <= last]
     if len(ticks) and ticks[0] > 0:
         ticks = ticks[ticks >= gaps.first_complete_tick(series, late)]
@@ -290,10 +290,10 @@ def _ticks(
 
 def _apart(needed: Sequence[Series]) -> str:
     """Why series share no tick: names the empty ones, else the one that ends first and the one that begins last."""
-    silent = [one.topic for one in needed if not len(one.ticks)]
+    silent = [part.topic for part in needed if not len(part.ticks)]
     if silent:
         return f"no message of {', '.join(silent)}"
-    first, last = min(needed, key=lambda one: one.ticks[-1]), max(needed, key=lambda one: one.ticks[0])
+    first, last = min(needed, key=lambda part: part.ticks[-1]), max(needed, key=lambda part: part.ticks[0])
     return f"{first.topic} ends with tick {first.ticks[-1]}, {last.topic} begins with tick {last.ticks[0]}"
 
 
@@ -336,7 +336,7 @@ def _named(of: Expected, kind: str, series: Series, entries: str) -> list[str]:
 
 def _controllers(issued: Sequence[Series], applied: Sequence[Series]) -> tuple[list[str], list[Series]]:
     """Names of the controllers and their series, in the order of the run, else of the recording."""
-    named = [(sender(one.blocks, one.topic), one) for one in issued]
+    named = [(sender(part.blocks, part.topic), part) for part in issued]
     named.sort(key=lambda pair: decode.place(pair[0]))
-    seen = decode.names_of([block for one in applied for block in one.blocks], "setpoints", "controller")
-    return list(dict.fromkeys([name for name, _ in named] + seen)), [one for _, one in named]
+    seen = decode.names_of([block for part in applied for block in part.blocks], "setpoints", "controller")
+    return list(dict.fromkeys([name for name, _ in named] + seen)), [part for _, part in named]

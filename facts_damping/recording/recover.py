@@ -73,7 +73,7 @@ def in_simulated_time(path: Path | str, out: Path | str) -> list[str]:
     stamped = [(_stamp(message), message) for message in content.messages if message.topic in content.topics]
     cut = Counter(message.topic for stamp, message in stamped if stamp is None)
     content.notes += [f"{topic}: {count} messages that are cut are left out" for topic, count in cut.items()]
-    messages = [one._replace(log_ns=stamp, publish_ns=stamp) for stamp, one in stamped if stamp is not None]
+    messages = [message._replace(log_ns=stamp, publish_ns=stamp) for stamp, message in stamped if stamp is not None]
     if not messages:
         raise RecordingError(content.refusal(f"{path} holds no message with a stamp"))
     content.messages = sorted(messages, key=lambda message: message.log_ns)

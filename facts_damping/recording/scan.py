@@ -100,8 +100,8 @@ def _bag_files(path: Path, about: dict[str, Any]) -> list[Path]:
         if is_file(path, GIVEN):
             return [path]
         raise RecordingError(f"{path} does not exist; allowed: {GIVEN}")
-    found = [file for file in path.iterdir() if file.suffix in (".mcap", SQLITE) and is_file(file)]
-    files = sorted(found, key=lambda file: [int(n) for n in re.findall(r"\d+", file.stem)][-1:])
+    bag_files = [file for file in path.iterdir() if file.suffix in (".mcap", SQLITE) and is_file(file)]
+    files = sorted(bag_files, key=lambda file: [int(n) for n in re.findall(r"\d+", file.stem)][-1:])
     if not files:
         packed = ", ".join(sorted(file.name for file in path.glob("*.zstd")))
         why = f"; {packed}: unpack with zstd -d" if packed else ""
@@ -160,11 +160,11 @@ def _scan_mcap(file: Path, content: Content) -> None:
             notes.append(f"{file.name}: {record.name} is damaged and left out")
         else:
             _add_extra(record, content)
-    topics = {i: one.topic for i, one in channels.items() if _add_topic(one, schemas.get(one.schema_id), content)}
+    topics = {i: c.topic for i, c in channels.items() if _add_topic(c, schemas.get(c.schema_id), content)}
     content.messages += [
-        RawMessage(topics[one.channel_id], one.log_time, one.publish_time, one.sequence, bytes(one.data))
-        for one in messages
-        if one.channel_id in topics
+        RawMessage(topics[raw.channel_id], raw.log_time, raw.publish_time, raw.sequence, bytes(raw.data))
+        for raw in messages
+        if raw.channel_id in topics
     ]
     content.complete = content.complete and complete
 
@@ -225,8 +225,8 @@ def _sound_records(data: bytes, name: str, notes: list[str]) -> Iterator[tuple[i
             return
         if record is None:
             return
-        for one in _unpack(record, stream.tell(), room, f"{name}: chunk at byte {position}", notes):
-            yield position, stream.tell(), one
+        for unpacked in _unpack(record, stream.tell(), room, f"{name}: chunk at byte {position}", notes):
+            yield position, stream.tell(), unpacked
 
 
 def _unpack(record: McapRecord, end: int, room: UnpackLimit, where: str, notes: list[str]) -> list[McapRecord]:

@@ -37,7 +37,7 @@ def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
     sections = [
         Section("What happened", first),
         Section("Summary", [tables.summary(runs, not unlike), *improvements]),
-        Section("Over time", charts(runs, [stem for stem in TIME if stem not in [one.key for one in first]])),
+        Section("Over time", charts(runs, [stem for stem in TIME if stem not in [chart.key for chart in first]])),
         Section("Performance indices", charts(runs, ("indices",))),
         Section("Modes", [tables.modes(runs), *modes(runs), *maps(runs)]),
         Section("Control effort", [*charts(runs, ("injected_voltage", "device_state")), tables.effort(runs)]),
@@ -61,23 +61,23 @@ def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
 
 def differences(records: Sequence[Record]) -> list[str]:
     """Differences that make the runs' figures incomparable: system, scenario, duration."""
-    found = {
+    compared = {
         "system": [record.asked.get("system") for record in records],
         "scenario": [record.asked.get("scenario") for record in records],
         "duration": [record.configuration.get("duration") for record in records],
     }
-    return [name for name, values in found.items() if any(value != values[0] for value in values)]
+    return [name for name, values in compared.items() if any(value != values[0] for value in values)]
 
 
 def _remarks(run: ReportedRun) -> list[str]:
     """Remarks that a reader needs before a run's figures."""
-    found = [f"{run.name}: {note}." for note in run.record.notes]
+    notes = [f"{run.name}: {note}." for note in run.record.notes]
     if run.summary.stable is False:
         end = float(run.record.time_s[-1])
-        found.append(f"{run.name} is not stable: {run.summary.instability} at {end:.2f} s. It has no indices.")
+        notes.append(f"{run.name} is not stable: {run.summary.instability} at {end:.2f} s. It has no indices.")
     if run.summary.stable is None:
-        found.append(f"Whether {run.name} is stable is not known: {run.summary.verdict_because}. It has no indices.")
-    return [*found, *(f"{run.name}: {line}." for line in run.summary.warnings)]
+        notes.append(f"Whether {run.name} is stable is not known: {run.summary.verdict_because}. It has no indices.")
+    return [*notes, *(f"{run.name}: {line}." for line in run.summary.warnings)]
 
 
 def _events(run: ReportedRun, name: str) -> Iterator[tuple[float, str]]:
@@ -102,7 +102,7 @@ def _events(run: ReportedRun, name: str) -> Iterator[tuple[float, str]]:
 
 def _stages(configuration: Mapping[str, Any]) -> list[dict[str, Any]]:
     """All stages of the run's link and of controllers' own links."""
-    links = [configuration.get("link"), *(one.get("link") for one in configuration.get("controllers") or ())]
+    links = [configuration.get("link"), *(row.get("link") for row in configuration.get("controllers") or ())]
     return [stage for link in links if isinstance(link, dict) for part in ("up", "down") for stage in link[part]]
 
 

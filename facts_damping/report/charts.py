@@ -37,16 +37,16 @@ DIGITS = 3  # significant digits of a value of a map: more would be invisible an
 def charts(runs: Sequence[ReportedRun], stems: Sequence[str]) -> list[Chart]:
     """The pictures with the given stems, of all runs; empty ones are left out."""
     pictures = {picture.stem: picture for picture in PICTURES}
-    made = [_chart(pictures[stem], runs) for stem in stems]
-    return [chart for chart in made if chart.panels]
+    drawn = [_chart(pictures[stem], runs) for stem in stems]
+    return [chart for chart in drawn if chart.panels]
 
 
 def _chart(picture: Picture, runs: Sequence[ReportedRun]) -> Chart:
     """One picture: a panel for each name that any run has."""
     by_run = [{panel.name: panel for panel in picture.panels(run.record)} for run in runs]
     names = shown(picture, by_run)
-    found = {name: [(index, row[name]) for index, row in enumerate(by_run) if name in row] for name in names}
-    panels = [panel for panel in (_panel(*parts, runs, picture.over_time) for parts in found.items()) if panel.curves]
+    by_name = {name: [(index, row[name]) for index, row in enumerate(by_run) if name in row] for name in names}
+    panels = [panel for panel in (_panel(*parts, runs, picture.over_time) for parts in by_name.items()) if panel.curves]
     texts = picture.stem, title_of(picture, by_run, names), SENTENCES[picture.stem], picture.over, picture.label
     return Chart(*texts, panels, picture.over_time, picture.logarithmic, picture.words)
 
@@ -58,9 +58,9 @@ def _panel(
     levels: dict[float, None] = {}
     for index, panel in parts:
         time_s, since = runs[index].record.time_s, min(event_times(runs[index].record), default=0.0)
-        for label, one in panel.curves.items():
-            x = time_s if one.x is None else one.x
-            x, y = detailed(x, one.values, since) if over_time else steps(x, one.values)
+        for label, line in panel.curves.items():
+            x = time_s if line.x is None else line.x
+            x, y = detailed(x, line.values, since) if over_time else steps(x, line.values)
             curves.append(Curve(index, x, y, name=label))
         if panel.dashed is not None:
             curves.append(Curve(index, *detailed(time_s, panel.dashed, since), "dashed", "setpoint"))
@@ -89,8 +89,8 @@ def _cross(run: int, mode: ModeFit) -> list[Curve]:
 
 def maps(runs: Sequence[ReportedRun]) -> list[Maps]:
     """The distribution of each run's last speed difference, if available; empty if there is none."""
-    made = [one for index, run in enumerate(runs) for one in _map(index, run)]
-    return [Maps("spwvd", "Time and frequency (SPWVD)", SENTENCES["spwvd"], made)] if made else []
+    distributions = [distribution for index, run in enumerate(runs) for distribution in _map(index, run)]
+    return [Maps("spwvd", "Time and frequency (SPWVD)", SENTENCES["spwvd"], distributions)] if distributions else []
 
 
 def _map(index: int, run: ReportedRun) -> list[Map]:
@@ -99,11 +99,11 @@ def _map(index: int, run: ReportedRun) -> list[Map]:
         return []
     name, values = list(speed_differences(run.record).items())[-1]
     try:
-        found = analyse(run.record.time_s, 1e3 * values).distribution
+        distribution = analyse(run.record.time_s, 1e3 * values).distribution
     except InputError:
         return []
     lines = [mode.frequency_hz for mode in run.summary.modes]
-    return [Map(index, f"{name}, {run.name} [{UNIT}]", *_thinned(found), UNIT, lines)]
+    return [Map(index, f"{name}, {run.name} [{UNIT}]", *_thinned(distribution), UNIT, lines)]
 
 
 def _thinned(distribution: Distribution) -> tuple[tuple[float, float, float, float], NDArray[np.float32]]:
@@ -175,5 +175,5 @@ def steps(
     kept, and always the last.
     """
     ends = np.flatnonzero(np.append(x[1:] != x[:-1], True))
-    kept = ends[np.unique(np.linspace(0, len(ends) - 1, min(len(ends), maximum // 2)).astype(int))]
-    return np.repeat(x[kept], 2), np.append(y[0], np.repeat(y[kept], 2)[:-1])
+    shown_ends = ends[np.unique(np.linspace(0, len(ends) - 1, min(len(ends), maximum // 2)).astype(int))]
+    return np.repeat(x[shown_ends], 2), np.append(y[0], np.repeat(y[shown_ends], 2)[:-1])

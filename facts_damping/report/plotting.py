@@ -58,17 +58,17 @@ def plot(report: Report) -> dict[str, list[tuple[str, Figure]]]:
         for curve in panel.curves
         if len(curve.x)
     ]
-    begin, end = (float(f(one)) for f, one in zip((np.min, np.max), np.array(spans or [(0.0, 1.0)]).T, strict=True))
+    begin, end = (float(f(span)) for f, span in zip((np.min, np.max), np.array(spans or [(0.0, 1.0)]).T, strict=True))
     time = _range(begin, max(end, begin + 1e-3))
     time.name = TIME
     shared = _Shared(time, {}, report.names, [at for at, _ in report.events])
-    found: dict[str, list[tuple[str, Figure]]] = {}
+    figures: dict[str, list[tuple[str, Figure]]] = {}
     for item in items:
         if isinstance(item, Chart):
-            found[item.key] = [(panel.title, _panel(item, panel, shared)) for panel in item.panels]
+            figures[item.key] = [(panel.title, _panel(item, panel, shared)) for panel in item.panels]
         elif isinstance(item, Maps):
-            found[item.key] = [(one.title, _map(one, shared)) for one in item.maps]
-    return found
+            figures[item.key] = [(distribution.title, _map(distribution, shared)) for distribution in item.maps]
+    return figures
 
 
 def _range(start: float, end: float) -> models.Range1d:
@@ -76,7 +76,7 @@ def _range(start: float, end: float) -> models.Range1d:
 
 
 def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
-    made = figure(
+    plot_area = figure(
         height=HEIGHT if len(chart.panels) > 1 else TALL,
         x_range=shared.time if chart.over_time else models.DataRange1d(),
         y_axis_type="log" if chart.logarithmic else "linear",
@@ -85,19 +85,19 @@ def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
         y_axis_label=chart.y_label or panel.title,
         **DRESS,
     )
-    renderers = [_curve(made, curve, shared) for curve in panel.curves]
+    renderers = [_curve(plot_area, curve, shared) for curve in panel.curves]
     if chart.words:
-        made.y_range = _range(-0.5, len(chart.words) - 0.5)
-        made.yaxis.ticker = list(range(len(chart.words)))
-        made.yaxis.major_label_overrides = dict(enumerate(chart.words))
+        plot_area.y_range = _range(-0.5, len(chart.words) - 0.5)
+        plot_area.yaxis.ticker = list(range(len(chart.words)))
+        plot_area.yaxis.major_label_overrides = dict(enumerate(chart.words))
     for level in panel.levels:
-        made.add_layout(Span(location=level, dimension="width", line_color=LIMIT, line_dash="dotted"))
+        plot_area.add_layout(Span(location=level, dimension="width", line_color=LIMIT, line_dash="dotted"))
     if chart.over_time:
-        _mark_events(made, shared)
+        _mark_events(plot_area, shared)
     tips = [("", "$name"), (chart.x_label, "$x{0.000}"), (chart.y_label, "$y{0.00000}")]
     hover = models.HoverTool(renderers=renderers, tooltips=tips)
-    _equip(made, hover, "width" if chart.over_time else "both")
-    return made
+    _equip(plot_area, hover, "width" if chart.over_time else "both")
+    return plot_area
 
 
 def _curve(figure: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
@@ -120,13 +120,13 @@ def _curve(figure: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
 def _map(distribution: Map, shared: _Shared) -> Figure:
     first, last, low, high = distribution.extent
     labels: dict[str, Any] = {"x_axis_label": "t [s]", "y_axis_label": "f [Hz]"}
-    made = figure(height=TALL, x_range=shared.time, y_range=_range(low, high), **labels, **DRESS)
+    plot_area = figure(height=TALL, x_range=shared.time, y_range=_range(low, high), **labels, **DRESS)
     largest = float(np.abs(distribution.values).max()) or 1.0
     colours = models.LinearColorMapper(palette=PALETTE, low=-largest, high=largest)
     area, name = (first, low, last - first, high - low), shared.names[distribution.run]
-    image = made.image([distribution.values], *area, color_mapper=colours, name=name)
+    image = plot_area.image([distribution.values], *area, color_mapper=colours, name=name)
     image.tags = [f"run-{distribution.run}"]
-    made.add_layout(ColorBar(color_mapper=colours, width=10, title=None, background_fill_color=None), "right")
+    plot_area.add_layout(ColorBar(color_mapper=colours, width=10, title=None, background_fill_color=None), "right")
     for line in distribution.lines:
         made.add_layout(Span(location=line, dimension="width", line_color="black", line_dash="dashed", line_width=0.8))
     _mark_events(made, shared)

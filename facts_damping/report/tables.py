@@ -155,8 +155,8 @@ def links(runs: Sequence[ReportedRun]) -> ReportTable:
 def _modelled_twice(run: ReportedRun) -> str:
     """Parts of a link's delay that are left out because the run's PMUs have their own filter."""
     measurement, link = (run.record.configuration.get(field) or {} for field in ("measurement", "link"))
-    stages = [one for one in link.get("up") or () if (one["stage"], one["model"]) == ("pmu", "constant")]
-    delay = sum(one["delay"] for one in stages)
+    stages = [stage for stage in link.get("up") or () if (stage["stage"], stage["model"]) == ("pmu", "constant")]
+    delay = sum(stage["delay"] for stage in stages)
     if not delay or measurement.get("filter", "ideal") == "ideal":
         return ""
     names = {"run": run.name, "link": clause(link) or "the link", "filter": measurement["filter"]}

@@ -22,22 +22,22 @@ def adapted(
     """Learnt parameters of controller `index` and its identifier; None if it does not learn."""
     if controller.scheme is None:
         return None
-    own = learnt = None
+    weights = learnt = None
     if state is not None:
-        own = state.learner.theta[index, : controller_network(controller).size].tolist()
+        weights = state.learner.theta[index, : controller_network(controller).size].tolist()
     if identifier is not None:
-        n, found = identifier
-        learnt = found.learner.theta[n, : identifier_network(controller).size].tolist()
-    return Weights(name=controller.name, scheme=controller.scheme, controller=own, identifier=learnt)
+        n, identifier_state = identifier
+        learnt = identifier_state.learner.theta[n, : identifier_network(controller).size].tolist()
+    return Weights(name=controller.name, scheme=controller.scheme, controller=weights, identifier=learnt)
 
 
 def all_adapted(case: Case, loop: Loop) -> dict[str, Weights]:
     """Learnt parameters of all controllers of a loop, by node name."""
     serving = loop.control.identifiers.controller.tolist()
-    found = {}
+    by_node = {}
     for i, (name, controller) in enumerate(zip(controller_names(case), case.controllers, strict=True)):
         identifier = (serving.index(i), loop.control.identifier_state) if i in serving else None
         weights = adapted(controller, i, loop.control.bank_state, identifier)
         if weights is not None:
-            found[name] = weights
-    return found
+            by_node[name] = weights
+    return by_node

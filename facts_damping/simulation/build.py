@@ -11,7 +11,7 @@ import numpy as np
 from facts_damping.caching import shared
 from facts_damping.case.supervision import ends, reserves
 from facts_damping.control import identifier_model
-from facts_damping.control.bank import Bank, BankState, Known, bank, controller_network
+from facts_damping.control.bank import Bank, BankState, Known, build_bank, controller_network
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.identifier import identifiers
 from facts_damping.control.identifier_model import Identified, Identifiers, IdentifierState
@@ -161,11 +161,11 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
         for i in range(len(case.controllers))
     ]
     wiring = wired(case)
-    controls, state = bank(case.controllers, wiring, known, case.run.seed)
+    controls, state = build_bank(case.controllers, wiring, known, case.run.seed)
     rows = [
-        _identified(case, i, controls, own.prior)
-        for i, own in enumerate(known)
-        if own.prior is not None and case.controllers[i].scheme == "indirect"
+        _identified(case, i, controls, prior.prior)
+        for i, prior in enumerate(known)
+        if prior.prior is not None and case.controllers[i].scheme == "indirect"
     ]
     return controls, state, *identifiers(rows, wiring)
 
@@ -191,23 +191,23 @@ def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Superv
         for c, controller in enumerate(case.controllers)
         if controller.fallback_of is None and case.supervision is not None
     ]
-    given = case.supervision or Supervision()
-    made, state = supervisors(watched, case.controllers, given, wired(case), ends(case.system))
-    _check_probes(case, given, made, plant)
-    return made, state
+    supervision = case.supervision or Supervision()
+    built, state = supervisors(watched, case.controllers, supervision, wired(case), ends(case.system))
+    _check_probes(case, supervision, built, plant)
+    return built, state
 
 
-def _check_probes(case: Case, given: Supervision, supervisors: Supervisors, plant: Residues | None) -> None:
+def _check_probes(case: Case, supervision: Supervision, built: Supervisors, plant: Residues | None) -> None:
     """Raise `InputError` for a probe without a mode, or one that ends after the scheduled arming."""
-    start = given.probe.start
-    if plant is None and supervisors.settings.size and (given.arming.probe or start is not None):
-        field = "arming.probe: true" if given.arming.probe else f"probe.start: {start:g}"
+    start = supervision.probe.start
+    if plant is None and built.settings.size and (supervision.arming.probe or start is not None):
+        field = "arming.probe: true" if supervision.arming.probe else f"probe.start: {start:g}"
         raise InputError(f"supervision.{field} given; allowed: no probe, as the plant has no electromechanical mode")
-    if start is None or not given.arming.probe or case.run.arm_at is None:
+    if start is None or not supervision.arming.probe or case.run.arm_at is None:
         return
-    for own in supervisors.settings:
-        devices, rate = len(case.controllers[own["controller"]].devices), case.run.frame_rate
-        over = math.ceil(start * rate) + devices * math.ceil(own["probe_s"] * rate - 1e-6)
+    for row in built.settings:
+        devices, rate = len(case.controllers[row["controller"]].devices), case.run.frame_rate
+        over = math.ceil(start * rate) + devices * math.ceil(row["probe_s"] * rate - 1e-6)
         if math.ceil(case.run.arm_at * rate) < over:
             many = f" of {devices} devices" if devices > 1 else ""
             minimum = math.ceil(over / rate * 1000.0) / 1000.0
@@ -245,7 +245,7 @@ def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:
     here = f"controllers.{i}.parameters.sensitivity"
     if plant is None:
         raise InputError(f"{here}: the plant has no electromechanical mode; allowed: a controller without adaptation")
-    sign, given = np.zeros((len(c.signals), len(c.devices))), c.number("sensitivity")
+    sign, wanted = np.zeros((len(c.signals), len(c.devices))), c.number("sensitivity")
     for s, signal in enumerate(c.signals):
         for d, device in enumerate(c.devices):
             sign[s, d] = plant.sign(signal, device)
@@ -255,8 +255,8 @@ def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:
             )
             if s == 0 and sign[s, d] == 0.0:
                 raise InputError(f"{here}: no sign fits; {why}, near neither 0 nor 180; allowed: another first signal")
-            if given and sign[s, d] and given != sign[s, d]:
-                raise InputError(f"{here}: {given:g} given; allowed: {sign[s, d]:g} (or 0: automatic): {why}")
+            if wanted and sign[s, d] and wanted != sign[s, d]:
+                raise InputError(f"{here}: {wanted:g} given; allowed: {sign[s, d]:g} (or 0: automatic): {why}")
     jacobian = plant.jacobian(c.signals, c.devices, int(c.number("identifier_horizon")))
     mode_shape = np.array([plant.ratio(signal, c.signals[0]) for signal in c.signals])
     for signal, ratio in zip(c.signals, np.abs(mode_shape), strict=True):
@@ -282,8 +282,8 @@ def _compensated(case: Case, i: int, plant: Residues | None) -> float:
         allowed = [*COMPENSATIONS, *(OF_IDENTIFIERS if c.scheme == "indirect" else [])]
         raise InputError(f"{here}: 'smith' given; allowed: {', '.join(allowed)}: {_no_smith(mode)}")
     if mode is None and c.number("mode_hz") == 0.0:
-        given = f"'{c.compensation}' given, but the plant has no electromechanical mode"
-        raise InputError(f"{here}: {given}; allowed: none")
+        problem = f"'{c.compensation}' given, but the plant has no electromechanical mode"
+        raise InputError(f"{here}: {problem}; allowed: none")
     return TURN * c.number("mode_hz") or float(mode.imag if mode is not None else 0.0)
 
 
@@ -314,12 +314,12 @@ def _identified(case: Case, i: int, bank: Bank, known: PlantPrior) -> Identified
 
 def grid_events(case: Case) -> list[GridEvent]:
     """All grid events in order of time, as published."""
-    found = []
+    published = []
     for change in timeline(case.scenario.events):
         row = change.event.model_dump()
         element = next(row[key] for key in ("line", "bus", "load", "machine") if row.get(key) is not None)
         on_line = row["kind"] == "fault" and row.get("line") is not None
         location = row["location"] if on_line else math.nan
         value = next((row[key] for key in ("change", "power", "amplitude") if row.get(key) is not None), math.nan)
-        found.append(GridEvent(change.time_ns, row["kind"], element, value, location))
-    return found
+        published.append(GridEvent(change.time_ns, row["kind"], element, value, location))
+    return published

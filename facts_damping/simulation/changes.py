@@ -63,24 +63,24 @@ def with_event(case: Case, text: str, at_ns: int) -> Case:
     return replace(case, scenario=case.scenario.model_copy(update={"events": listed}))
 
 
-def with_link(case: Case, index: int, given: Any) -> Case:
-    """The case with link `index` replaced; `given`: name, YAML text or parsed YAML.
+def with_link(case: Case, index: int, source: Any) -> Case:
+    """The case with link `index` replaced; `source`: name, YAML text or parsed YAML.
 
     Raises `InputError` if it is not a link, or does not fit the run.
     """
     with naming_no_files("a change of a run"), worded(SOURCE):
-        value = read_value(given, SOURCE) if isinstance(given, str) else given
+        value = read_value(source, SOURCE) if isinstance(source, str) else source
         link = link_of(read_source("links", value, "link"))
-    own = next((c for c, used in enumerate(case.used_links) if used == index and case.run.controllers[c].link), None)
+    owner = next((c for c, used in enumerate(case.used_links) if used == index and case.run.controllers[c].link), None)
     content = case.document()
-    (content if own is None else content["controllers"][own])["link"] = link.model_dump()
+    (content if owner is None else content["controllers"][owner])["link"] = link.model_dump()
     make_case(content, SOURCE)
     return with_links(case, index, beside(link, case.measurement))
 
 
 def with_links(case: Case, index: int, link: Link) -> Case:
     """The case with link `index` replaced by `link`."""
-    return replace(case, links=[link if i == index else one for i, one in enumerate(case.links)])
+    return replace(case, links=[link if i == index else other_link for i, other_link in enumerate(case.links)])
 
 
 def relinked(links: Links, case: Case, index: int) -> Links:
@@ -95,8 +95,8 @@ def relinked(links: Links, case: Case, index: int) -> Links:
 def renumbered(links: Links, case: Case, index: int, path: str, value: float) -> tuple[Links, Case]:
     """Running links with a number of a stage changed, such as `up.0.delay`, and the changed case."""
     way, place, link = with_number(case.links[index], path, value)
-    own = changed(getattr(links, way), index, place, getattr(link, way)[place], ways(case)[way])
-    return links._replace(up=own) if way == "up" else links._replace(down=own), with_links(case, index, link)
+    new = changed(getattr(links, way), index, place, getattr(link, way)[place], ways(case)[way])
+    return links._replace(up=new) if way == "up" else links._replace(down=new), with_links(case, index, link)
 
 
 def measured_otherwise(case: Case, path: str, value: float, before: Pmus) -> tuple[Pmus, Case]:
@@ -174,10 +174,10 @@ def change_watch(devices: Sequence[str], watch: NDArray[Any], change: RunChange,
 
 def by_tick(changes: Sequence[RunChange]) -> dict[int, list[RunChange]]:
     """Changes by the tick at which they act, in order."""
-    found: dict[int, list[RunChange]] = {}
+    grouped: dict[int, list[RunChange]] = {}
     for change in changes:
-        found.setdefault(change.tick, []).append(change)
-    return found
+        grouped.setdefault(change.tick, []).append(change)
+    return grouped
 
 
 def set_parameter(case: Case, bank: Any, identifiers: Any, change: RunChange) -> None:
@@ -191,9 +191,9 @@ def set_parameter(case: Case, bank: Any, identifiers: Any, change: RunChange) ->
 
 def ask(supervisors: Supervisors, state: SupervisorState, change: RunChange) -> None:
     """Pass an operator's command to a supervisor, which executes it at the start of its next tick."""
-    own = list(supervisors.settings["controller"])
-    if change.kind in COMMANDS and change.index in own:
-        state.rows["asked"][own.index(change.index)] = COMMANDS[change.kind]
+    supervised = list(supervisors.settings["controller"])
+    if change.kind in COMMANDS and change.index in supervised:
+        state.rows["asked"][supervised.index(change.index)] = COMMANDS[change.kind]
 
 
 def rerun(case: Case, changes: Sequence[RunChange], loop: Loop | None = None) -> Record:

@@ -36,12 +36,12 @@ ERROR = 3  # least status of a log message that counts as an error
 class FmuController:
     """An FMU as a controller, called by `policies`."""
 
-    def __init__(self, spec: Spec, given: str | Fmu, where: str) -> None:
+    def __init__(self, spec: Spec, source: str | Fmu, where: str) -> None:
         """Load it. Raises `InputError` if that fails or a variable is missing."""
-        fmu = Fmu(file=given) if isinstance(given, str) else given
+        fmu = Fmu(file=source) if isinstance(source, str) else source
         self._errors: list[str] = []
         folder, description = _unpacked(Path(fmu.file), where)
-        names = {one.name: one for one in description.modelVariables}
+        names = {variable.name: variable for variable in description.modelVariables}
         self._real = REAL[description.fmiVersion]
         self._inputs, self._outputs, parameters = (
             self._references(names, causality, {name: others.get(name, name) for name in wanted}, fmu.file, where)
@@ -57,8 +57,8 @@ class FmuController:
             self._set(parameters, [float(value) for value in spec.parameters.values()])
         except Exception as error:  # for example a library for another machine
             reason = one_line("; ".join([str(error), *self._errors]))
-            given = f"{fmu.file}: cannot be loaded: {reason}"
-            raise InputError(f"{where}: {given}; allowed: one for this machine") from error
+            problem = f"{fmu.file}: cannot be loaded: {reason}"
+            raise InputError(f"{where}: {problem}; allowed: one for this machine") from error
         # Not freed at exit, which ends it anyway: an FMU in Python would no longer have an interpreter.
         weakref.finalize(self, self._fmu.freeInstance).atexit = False
         self._measured_ns = -1
@@ -79,8 +79,8 @@ class FmuController:
         else:
             self._set(self._inputs, y)
             self._fmu.doStep(before * 1e-9, (measured_ns - before) * 1e-9)
-        found: list[float] = getattr(self._fmu, f"get{self._real}")(self._outputs)
-        return found
+        outputs: list[float] = getattr(self._fmu, f"get{self._real}")(self._outputs)
+        return outputs
 
     def _initialise(self, start_s: float, y: list[float]) -> None:
         if self._real == "Real":
@@ -105,11 +105,11 @@ class FmuController:
         self, names: dict[str, Any], causality: str, wanted: dict[str, str], file: str, where: str
     ) -> list[int]:
         """References of the variables for signals, devices or parameters. Raises `InputError` if one is missing."""
-        fitting = [one for one in names.values() if one.causality == causality and one.type == self._real]
-        allowed = [one.name for one in fitting if not one.dimensions]
-        for own, name in wanted.items():
+        fitting = [scalar for scalar in names.values() if scalar.causality == causality and scalar.type == self._real]
+        allowed = [scalar.name for scalar in fitting if not scalar.dimensions]
+        for element, name in wanted.items():
             if name not in allowed:
-                more = f", or `{causality}s: {{{own}: ...}}`" if causality != "parameter" else ""
+                more = f", or `{causality}s: {{{element}: ...}}`" if causality != "parameter" else ""
                 lacks = f"{file} has no {causality} '{name}' of type {self._real}"
                 raise InputError(f"{where}: {lacks}; allowed: {', '.join(allowed) or 'none'}{more}")
         return [names[name].valueReference for name in wanted.values()]
@@ -127,8 +127,8 @@ def _unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
         reason = one_line(error) or type(error).__name__
         raise InputError(f"{where}: {path}: cannot be read: {reason}; allowed: an FMU of FMI 2 or 3") from error
     if description.fmiVersion not in REAL or description.coSimulation is None:
-        given = f"FMI {description.fmiVersion}" + ("" if description.coSimulation else " without co-simulation")
-        raise InputError(f"{where}: {path}: {given} given; allowed: FMI 2.0 or 3.0, for co-simulation")
+        standard = f"FMI {description.fmiVersion}" + ("" if description.coSimulation else " without co-simulation")
+        raise InputError(f"{where}: {path}: {standard} given; allowed: FMI 2.0 or 3.0, for co-simulation")
     return folder, description
 
 

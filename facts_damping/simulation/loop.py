@@ -55,9 +55,9 @@ BY_TICK = ("time_ns", "frames", "measured_ns", "status", "machines", "devices", 
 TICKS_AT_ONCE = 3600  # between such blocks other threads can run
 
 
-def setpoint_buffer(commands: int, entries: int) -> NDArray[Any]:
-    """Array for the setpoints of a tick: `commands` for each of at most `entries` arrivals, plus a supervisor's."""
-    return np.zeros(commands * (entries + 1), SETPOINT)
+def setpoint_buffer(per_arrival: int, entries: int) -> NDArray[Any]:
+    """Array for the setpoints of a tick: `per_arrival` for each of at most `entries` arrivals, plus a supervisor's."""
+    return np.zeros(per_arrival * (entries + 1), SETPOINT)
 
 
 def build_loop(
@@ -160,16 +160,16 @@ def finish(case: Case, loop: Loop) -> Record:
 
 def record(case: Case, loop: Loop) -> Record:
     """The record of the ticks that a loop has run."""
-    kept = loop.signals
+    arrays = loop.signals
     refused = int(loop.links.up.ring[:, RING_NO_ROOM].sum() + loop.links.down.ring[:, RING_NO_ROOM].sum())
     if refused:
         raise RunError(f"link: {refused} entries did not fit into the buffer; delays are longer than planned")
-    used = Used(*kept.used.tolist())
+    used = Used(*arrays.used.tolist())
     entries, setpoints, applied = used.delivered, used.issued, used.applied
-    if entries > len(kept.delivered) or setpoints > len(kept.issued) or applied > len(kept.applied):
+    if entries > len(arrays.delivered) or setpoints > len(arrays.issued) or applied > len(arrays.applied):
         raise RunError(f"loop: {entries} entries, {setpoints} setpoints, {applied} applied: more than the buffers hold")
-    signals: dict[str, Any] = {name: getattr(kept, name)[: used.ticks] for name in BY_TICK}
-    signals |= {name: getattr(kept, name)[:count] for name, count in zip(used._fields[1:], used[1:], strict=True)}
+    signals: dict[str, Any] = {name: getattr(arrays, name)[: used.ticks] for name in BY_TICK}
+    signals |= {name: getattr(arrays, name)[:count] for name, count in zip(used._fields[1:], used[1:], strict=True)}
     return Record(
         configuration=case.document(),
         pmus=[s.name for s in case.system.pmus],
@@ -178,6 +178,6 @@ def record(case: Case, loop: Loop) -> Record:
         controller_names=controller_names(case),
         **signals,
         links=len(case.links),
-        events=[event for event in grid_events(case) if event.time_ns <= kept.time_ns[used.ticks - 1]],
+        events=[event for event in grid_events(case) if event.time_ns <= arrays.time_ns[used.ticks - 1]],
         versions=versions(),
     )

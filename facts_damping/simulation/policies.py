@@ -78,10 +78,10 @@ class Program:
         """Run a step for the compiled code; returns 1 if it has failed, else 0."""
         try:
             self.now_ns = now_ns
-            given = now_ns / 1e9, self._y.copy(), self._age.copy(), self._fresh.copy()
+            arguments = now_ns / 1e9, self._y.copy(), self._age.copy(), self._fresh.copy()
             began = time.perf_counter_ns()
             with running:
-                u = self._step(*given)
+                u = self._step(*arguments)
             self.elapsed_ns.append(time.perf_counter_ns() - began)
             self.late += self.elapsed_ns[-1] > self._period_ns
             self._u[:] = _checked(u, self.devices)
@@ -130,7 +130,7 @@ def check(programs: list[Program]) -> None:
 
 def step_times(programs: list[Program]) -> dict[str, StepTimes]:
     """Durations of the steps of each program, by node name."""
-    return {one.node: found for one in programs if (found := one.times()) is not None}
+    return {program.node: times for program in programs if (times := program.times()) is not None}
 
 
 def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any], bool]:
@@ -141,13 +141,13 @@ def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any], bool
     controller = case.controllers[c]
     if controller.fmu is not None:
         return "", FmuController(spec_of(case, c), controller.fmu, where).step, False
-    found = find(str(controller.policy), where)
-    file = file_of(found)
-    with users(where, file, f"as {found.__name__} was made"):
-        made = found(spec_of(case, c))
-        if callable(getattr(made, "reset", None)):
-            made.reset()
-        return file, _step_of(made, found.__name__, where), bool(getattr(made, "once_a_tick", False))
+    policy_class = find(str(controller.policy), where)
+    file = file_of(policy_class)
+    with users(where, file, f"as {policy_class.__name__} was made"):
+        policy = policy_class(spec_of(case, c))
+        if callable(getattr(policy, "reset", None)):
+            policy.reset()
+        return file, _step_of(policy, policy_class.__name__, where), bool(getattr(policy, "once_a_tick", False))
 
 
 def _step_of(controller: Any, name: str, where: str) -> Callable[..., Any]:
@@ -159,16 +159,16 @@ def _step_of(controller: Any, name: str, where: str) -> Callable[..., Any]:
     try:
         signature.bind(*STEP)
     except TypeError as error:
-        given = str(signature).replace("(", "(self, ", 1)
-        raise InputError(f"{where}: {name}: step{given} given; allowed: {allowed}") from error
+        arguments = str(signature).replace("(", "(self, ", 1)
+        raise InputError(f"{where}: {name}: step{arguments} given; allowed: {allowed}") from error
     return step
 
 
 def _checked(u: Any, devices: list[str]) -> NDArray[np.float64]:
-    found = np.asarray(u, np.float64)
-    if found.shape != (len(devices),) and not (found.ndim == 0 and len(devices) == 1):
-        raise ValueError(f"u of shape {found.shape} given; allowed: ({len(devices)},), one a device")
-    if not np.isfinite(found).all():
-        at = devices[int(np.argmin(np.isfinite(np.atleast_1d(found))))]
-        raise ValueError(f"{np.atleast_1d(found).tolist()} p.u. given, no number for {at}; allowed: finite ones")
-    return found
+    setpoints = np.asarray(u, np.float64)
+    if setpoints.shape != (len(devices),) and not (setpoints.ndim == 0 and len(devices) == 1):
+        raise ValueError(f"u of shape {setpoints.shape} given; allowed: ({len(devices)},), one a device")
+    if not np.isfinite(setpoints).all():
+        at = devices[int(np.argmin(np.isfinite(np.atleast_1d(setpoints))))]
+        raise ValueError(f"{np.atleast_1d(setpoints).tolist()} p.u. given, no number for {at}; allowed: finite ones")
+    return setpoints

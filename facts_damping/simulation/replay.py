@@ -93,8 +93,8 @@ def _refuse_code(content: dict[str, Any], changes: set[str], source: str) -> Non
     for path, value in named:
         if value is not None and path not in changes:
             code = " ".join(value) if isinstance(value, list) else value
-            given = f"{source}: {path}: '{code}' given by the recording"
-            raise InputError(f"{given}; allowed: --policy, to run this code, or another controller by --set")
+            problem = f"{source}: {path}: '{code}' given by the recording"
+            raise InputError(f"{problem}; allowed: --policy, to run this code, or another controller by --set")
 
 
 def _forget(content: dict[str, Any], changes: set[str]) -> None:
@@ -103,12 +103,12 @@ def _forget(content: dict[str, Any], changes: set[str]) -> None:
     for i, row in enumerate(content.get("controllers") or []):
         changed = {name for name in SHAPES if f"controllers.{i}.{name}" in changes}
         if changed:
-            own = asked[i] if i < len(asked) and "name" not in changed else {}
-            row["parameters"] = dict(own.get("parameters") or {})
+            asked_row = asked[i] if i < len(asked) and "name" not in changed else {}
+            row["parameters"] = dict(asked_row.get("parameters") or {})
             row["weights"] = None
             for field in OWN if "name" in changed else ():
                 row.pop(field, None)
-            row["scheme"] = own.get("scheme")
+            row["scheme"] = asked_row.get("scheme")
 
 
 def fitted(record: Record, case: Case) -> Record:
@@ -127,8 +127,8 @@ def fitted(record: Record, case: Case) -> Record:
     if max(case.used_links) >= record.links:
         raise InputError(f"controllers: {len(case.links)} links given; allowed: {record.links}, as recorded{notes}")
     end = record.gap_tick if record.gap_tick is not None else int(record.ticks[-1]) + 1
-    kept = record.ticks < end
-    if not kept.any():
+    inside = record.ticks < end
+    if not inside.any():
         lacks = f"tick {end}: its frames, as delivered, or setpoints are missing"
         raise InputError(f"{lacks}; nothing can be replayed{notes}")
     delivered = record.delivered[record.delivered["tick"] < end]
@@ -136,7 +136,7 @@ def fitted(record: Record, case: Case) -> Record:
     delivered["pmu"] = places[delivered["pmu"]]
     pmus = [record.pmus.index(name) for name in names]
     signals: dict[str, Any] = {
-        **{name: getattr(record, name)[kept][:, pmus] for name in ("frames", "measured_ns", "status")},
+        **{name: getattr(record, name)[inside][:, pmus] for name in ("frames", "measured_ns", "status")},
         **{name: _counted(getattr(record, name), record, case, end) for name in ("issued", "supervised", "applied")},
     }
     for name in ("supervision", "estimates", "learning"):
@@ -147,39 +147,39 @@ def fitted(record: Record, case: Case) -> Record:
         pmus=names,
         device_names=list(case.run.devices),
         controller_names=controller_names(case),
-        time_ns=record.time_ns[kept],
+        time_ns=record.time_ns[inside],
         delivered=delivered[delivered["pmu"] >= 0],
-        machines=_ordered(record.machines[kept], record.machine_names, [m.name for m in case.system.machines]),
-        devices=_ordered(record.devices[kept], record.device_names, case.run.devices),
-        in_synchronism=record.in_synchronism[kept],
+        machines=_ordered(record.machines[inside], record.machine_names, [m.name for m in case.system.machines]),
+        devices=_ordered(record.devices[inside], record.device_names, case.run.devices),
+        in_synchronism=record.in_synchronism[inside],
         **signals,
     )
 
 
 def _counted(rows: NDArray[Any], record: Record, case: Case, end: int) -> NDArray[Any]:
     """Setpoints before tick `end` with the case's device and controller indices; others are left out."""
-    own = list(case.run.devices)
-    devices = np.array([own.index(name) if name in own else -1 for name in record.device_names], np.int64)
-    commanded = np.full((2, len(own) + 1), -1, np.int64)  # of the controller, of the fallback
+    names = list(case.run.devices)
+    devices = np.array([names.index(name) if name in names else -1 for name in record.device_names], np.int64)
+    commanded = np.full((2, len(names) + 1), -1, np.int64)  # of the controller, of the fallback
     for c, controller in enumerate(case.controllers):
         of = int(controller.fallback_of is not None)
-        commanded[of, [own.index(name) for name in controller.devices]] = c
+        commanded[of, [names.index(name) for name in controller.devices]] = c
     before = record.configuration.get("controllers") or []
-    stands_in = np.array([int(one.get("fallback_of") is not None) for one in before] or [0], np.int64)
-    found = rows[rows["tick"] < end].copy()
-    found["device"] = devices[found["device"]]
-    of = stands_in[np.minimum(found["controller"], len(stands_in) - 1)]
-    found["controller"] = commanded[of, found["device"]]
-    return np.asarray(found[(found["device"] >= 0) & (found["controller"] >= 0)])
+    stands_in = np.array([int(row.get("fallback_of") is not None) for row in before] or [0], np.int64)
+    setpoints = rows[rows["tick"] < end].copy()
+    setpoints["device"] = devices[setpoints["device"]]
+    of = stands_in[np.minimum(setpoints["controller"], len(stands_in) - 1)]
+    setpoints["controller"] = commanded[of, setpoints["device"]]
+    return np.asarray(setpoints[(setpoints["device"] >= 0) & (setpoints["controller"] >= 0)])
 
 
 def _ordered(table: NDArray[Any], there: Sequence[str], wanted: Sequence[str]) -> NDArray[Any]:
     """Columns of a table in the wanted order; NaN for missing ones."""
-    found = np.full((len(table), len(wanted)), np.nan, table.dtype)
+    ordered = np.full((len(table), len(wanted)), np.nan, table.dtype)
     for i, name in enumerate(wanted):
         if name in there:
-            found[:, i] = table[:, there.index(name)]
-    return found
+            ordered[:, i] = table[:, there.index(name)]
+    return ordered
 
 
 def acted(of: Record | Played) -> NDArray[Any]:
@@ -212,8 +212,8 @@ def watched(case: Case, record: Record) -> Record:
     applied, ticks = _by_tick(record.applied, record.ticks), record.ticks.tolist()
     changes = by_tick(record.changes)
     for at, tick in enumerate(ticks):
-        for one in changes.get(tick, ()):
-            change_watch(case.run.devices, state.watch, one, tick_ns(tick, record.frame_rate))
+        for run_change in changes.get(tick, ()):
+            change_watch(case.run.devices, state.watch, run_change, tick_ns(tick, record.frame_rate))
         for name in ("released", *REFUSED):
             devices[name][at] = state.watch[name]
         rows = np.ascontiguousarray(applied[at])
@@ -231,13 +231,13 @@ def _by_tick(rows: NDArray[Any], ticks: NDArray[np.int64]) -> list[NDArray[Any]]
 
 def first_difference(record: Record, issued: NDArray[Any]) -> Difference | None:
     """First bit difference of replayed and recorded setpoints, times included; None: identical."""
-    one, other = canonical(record.issued), canonical(issued)
-    if one.tobytes() == other.tobytes():
+    recorded, other = canonical(record.issued), canonical(issued)
+    if recorded.tobytes() == other.tobytes():
         return None
-    both = min(len(one), len(other))
-    same = [one[i].tobytes() == other[i].tobytes() for i in range(both)]
+    both = min(len(recorded), len(other))
+    same = [recorded[i].tobytes() == other[i].tobytes() for i in range(both)]
     i = same.index(False) if False in same else both
-    sides = [rows[i] if i < len(rows) else None for rows in (one, other)]
+    sides = [rows[i] if i < len(rows) else None for rows in (recorded, other)]
     row = min((side for side in sides if side is not None), key=lambda side: int(side["tick"]))
     values = [float(side["value"]) if side is not None and side["tick"] == row["tick"] else np.nan for side in sides]
     names = record.controller_names[row["controller"]], record.device_names[row["device"]]
@@ -247,8 +247,8 @@ def first_difference(record: Record, issued: NDArray[Any]) -> Difference | None:
 def first_supervised(record: Record, played: Played) -> int | None:
     """First tick with a bit difference in setpoints or status of supervisors; None: identical."""
     pairs = (record.supervised, played.supervised), (record.supervision, played.supervision)
-    found = [tick for one, other in pairs if (tick := _first_tick(record, one, other)) is not None]
-    return min(found, default=None)
+    ticks = [tick for recorded, other in pairs if (tick := _first_tick(record, recorded, other)) is not None]
+    return min(ticks, default=None)
 
 
 def first_estimate(record: Record, estimates: NDArray[Any]) -> int | None:
@@ -276,9 +276,9 @@ def _first_tick(record: Record, table: NDArray[Any], other: NDArray[Any]) -> int
 
 def on_grid(record: Record, issued: NDArray[Any], device: int) -> NDArray[np.float64]:
     """The newest setpoint of a device at the end of each tick, (ticks,), p.u.; 0 before the first."""
-    own = issued[issued["device"] == device]
-    place = np.searchsorted(own["tick"], record.ticks, side="right")
-    return np.asarray(np.concatenate([[0.0], own["value"]])[place])
+    setpoints = issued[issued["device"] == device]
+    place = np.searchsorted(setpoints["tick"], record.ticks, side="right")
+    return np.asarray(np.concatenate([[0.0], setpoints["value"]])[place])
 
 
 def beside(case: Case, record: Record, issued: NDArray[Any]) -> list[dict[str, Any]]:
@@ -287,23 +287,23 @@ def beside(case: Case, record: Record, issued: NDArray[Any]) -> list[dict[str, A
     With supervision, compares the setpoints that act (`acted`). All are sampled once a tick; `correlation` is None if
     one of the two is constant; the duty is the fraction of ticks at the device's limit.
     """
-    found = []
+    rows = []
     for d, name in enumerate(case.run.devices):
-        one, other = on_grid(record, acted(record), d), on_grid(record, issued, d)
-        limit, moves = case.system.device(name).setpoint_max, bool(np.ptp(one) > 0.0 and np.ptp(other) > 0.0)
-        found.append(
+        recorded, other = on_grid(record, acted(record), d), on_grid(record, issued, d)
+        limit, moves = case.system.device(name).setpoint_max, bool(np.ptp(recorded) > 0.0 and np.ptp(other) > 0.0)
+        rows.append(
             {
                 "device": name,
-                "rms_recorded_pu": _rms(one),
+                "rms_recorded_pu": _rms(recorded),
                 "rms_replayed_pu": _rms(other),
-                "rms_difference_pu": _rms(other - one),
-                "max_difference_pu": float(np.abs(other - one).max()),
-                "correlation": float(np.corrcoef(one, other)[0, 1]) if moves else None,
-                "saturated_recorded": float(np.mean(np.abs(one) >= limit)),
+                "rms_difference_pu": _rms(other - recorded),
+                "max_difference_pu": float(np.abs(other - recorded).max()),
+                "correlation": float(np.corrcoef(recorded, other)[0, 1]) if moves else None,
+                "saturated_recorded": float(np.mean(np.abs(recorded) >= limit)),
                 "saturated_replayed": float(np.mean(np.abs(other) >= limit)),
             }
         )
-    return found
+    return rows
 
 
 def _rms(values: NDArray[np.float64]) -> float:

@@ -45,31 +45,31 @@ class ReplayedChanges:
     def __init__(self, case: Case, record: Record, control: ControlSystem) -> None:
         """`control`: controllers, identifiers and supervisors at the start."""
         before = record.configuration.get("controllers") or []
-        same = {c for c, one in enumerate(case.controllers) if c < len(before) and before[c].get("name") == one.name}
-        own = [one for one in record.changes if one.index in same and _possible(case, one)]
+        same = {c for c, row in enumerate(case.controllers) if c < len(before) and before[c].get("name") == row.name}
+        applicable = [change for change in record.changes if change.index in same and _possible(case, change)]
         self._case, self._control = case, control
-        self._changes = list(own)  # by tick; a recording that starts late includes earlier changes
-        self._starts = {(one.role, one.index, one.tick) for one in own if one.kind == "start"}
+        self._changes = list(applicable)  # by tick; a recording that starts late includes earlier changes
+        self._starts = {(change.role, change.index, change.tick) for change in applicable if change.kind == "start"}
         self._fresh = deepcopy(control) if self._starts else control
-        self._absences = [one for one in record.absences if one.role != "link" and one.index in same]
-        self._silent = [*self._absences, *_disarmed(own)]
+        self._absences = [gap for gap in record.absences if gap.role != "link" and gap.index in same]
+        self._silent = [*self._absences, *_disarmed(applicable)]
 
     def begin(self, tick: int) -> None:
         """Apply the changes that act from a tick on."""
         while self._changes and self._changes[0].tick <= tick:
-            one = self._changes.pop(0)
-            if one.kind == "start":
-                self._start_again(one.role, one.index)
-            elif one.role == "supervisor":
-                ask(self._control.supervisors, self._control.supervisor_state, one)
-            elif one.kind == "weights":
-                self._restore_weights(one.role, one.index, one.value)
-            elif one.kind == "parameter":
-                set_parameter(self._case, self._control.bank, self._control.identifiers, one)
+            change = self._changes.pop(0)
+            if change.kind == "start":
+                self._start_again(change.role, change.index)
+            elif change.role == "supervisor":
+                ask(self._control.supervisors, self._control.supervisor_state, change)
+            elif change.kind == "weights":
+                self._restore_weights(change.role, change.index, change.value)
+            elif change.kind == "parameter":
+                set_parameter(self._case, self._control.bank, self._control.identifiers, change)
 
-    def _restore_weights(self, role: str, c: int, given: dict[str, Any]) -> None:
+    def _restore_weights(self, role: str, c: int, weights: dict[str, Any]) -> None:
         controllers, now = list(self._case.controllers), self._control
-        controllers[c] = with_weights(controllers[c], Weights.model_validate(given))
+        controllers[c] = with_weights(controllers[c], Weights.model_validate(weights))
         _, bank_state, _, identifier_state = build_control(replace(self._case, controllers=controllers))
         if role == "controller":
             restore(now.bank_state.learner, bank_state.learner, c)
@@ -84,22 +84,22 @@ class ReplayedChanges:
     def idle(self, table: str, index: int, tick: int) -> bool:
         """Whether the node of a table did not work at a tick: absent from it, and not started again, disarmed."""
         starts = [at for role, place, at in self._starts if (role, place) == (NODES[table], index)]
-        away = [one for one in self._absences if one.table == table and one.index == index and _within(one, tick)]
-        return any(not any(one.first <= at <= tick for at in starts) for one in away)
+        away = [gap for gap in self._absences if gap.table == table and gap.index == index and _within(gap, tick)]
+        return any(not any(gap.first <= at <= tick for at in starts) for gap in away)
 
     def silent(self, table: str, index: int, tick: int) -> bool:
         """Whether the node of a table published nothing for it at a tick: it was absent or disarmed."""
         return self._in(self._silent, table, index, tick)
 
     def _in(self, absences: Sequence[Absence], table: str, index: int, tick: int) -> bool:
-        return any(one.index == index and _concerns(one, table) and _within(one, tick) for one in absences)
+        return any(gap.index == index and _concerns(gap, table) and _within(gap, tick) for gap in absences)
 
     def published(self, table: str, rows: NDArray[Any]) -> NDArray[Any]:
         """Rows of a table, without those of silent ticks."""
         keep = np.ones(len(rows), np.bool_)
-        for one in self._silent:
-            if _concerns(one, table):
-                keep &= ~(_within(one, rows["tick"]) & (rows["controller"] == one.index))
+        for gap in self._silent:
+            if _concerns(gap, table):
+                keep &= ~(_within(gap, rows["tick"]) & (rows["controller"] == gap.index))
         return np.asarray(rows[keep])
 
     def _start_again(self, role: str, c: int) -> None:
@@ -148,11 +148,11 @@ def _possible(case: Case, change: RunChange) -> bool:
 
 def _disarmed(changes: Sequence[RunChange]) -> list[Absence]:
     """Intervals in which controllers and identifiers were disarmed, in the form of `Record.absences`."""
-    found = []
-    for one in [change for change in changes if change.role != "supervisor"]:
-        if one.kind == "disarm" or (one.kind == "start" and one.value == "disarmed"):
-            whose = [other for other in changes if (other.role, other.index) == (one.role, one.index)]
+    absences = []
+    for run_change in [change for change in changes if change.role != "supervisor"]:
+        if run_change.kind == "disarm" or (run_change.kind == "start" and run_change.value == "disarmed"):
+            whose = [other for other in changes if (other.role, other.index) == (run_change.role, run_change.index)]
             later = [other.tick for other in whose if other.kind in ("arm", "start")]
-            end = min([tick for tick in later if tick > one.tick], default=np.iinfo(np.int64).max)
-            found.append(Absence(one.role, one.index, one.tick, end))
-    return found
+            end = min([tick for tick in later if tick > run_change.tick], default=np.iinfo(np.int64).max)
+            absences.append(Absence(run_change.role, run_change.index, run_change.tick, end))
+    return absences

@@ -60,7 +60,7 @@ class NewMessages:
         self._newest = {key: dict(rows.tolist()) for key, rows in record.latest.items()}
         self._tells = {key[:2] for key in record.latest}
         self._used: dict[tuple[str, int, str], int] = {}
-        self._begun = {(one.role, one.index, one.tick) for one in record.changes if one.kind == "start"}
+        self._begun = {(change.role, change.index, change.tick) for change in record.changes if change.kind == "start"}
 
     def new(self, role: str, index: int, what: str, tick: int, usual: int) -> range:
         """Ticks of the messages that are new at a tick; `usual`: tick of the newest message, if not recorded.
@@ -93,7 +93,7 @@ class NodeReplay:
         self._restarts = Restarts(self._control.bank, self._control.bank_state)
         self._messages = NewMessages(record)
         self._place = {int(tick): at for at, tick in enumerate(record.ticks)}
-        self._networks = {(c, 0): controller_network(one) for c, one in enumerate(case.controllers) if one.scheme}
+        self._networks = {(c, 0): controller_network(row) for c, row in enumerate(case.controllers) if row.scheme}
         self._networks |= {(c, 1): identifier_network(case.controllers[c]) for c in self._identified()}
         self._issued: dict[tuple[int, int], NDArray[Any]] = {}  # by controller and tick, as the next two
         self._inner: dict[tuple[int, int], NDArray[Any]] = {}
@@ -138,9 +138,9 @@ class NodeReplay:
         count = act(control.bank, control.bank_state, c, tick, rows, len(rows), self._out, 0)
         self._issued[c, tick] = self._out[:count].copy()
         self._rows["issued"].append(self._issued[c, tick])
-        found = np.zeros(1, SUPERVISOR)
-        controller_health(control.bank, control.bank_state, c, found, 0)
-        self._inner[c, tick] = found
+        health = np.zeros(1, SUPERVISOR)
+        controller_health(control.bank, control.bank_state, c, health, 0)
+        self._inner[c, tick] = health
         state = control.bank_state
         self._learning(c, 0, tick, state.learner.each[c], state.memory.lyapunov[c])
 
@@ -153,12 +153,12 @@ class NodeReplay:
 
     def _supervise(self, s: int, at: int, tick: int) -> None:
         """Run a supervisor with new setpoints, device states and controller health."""
-        made, state = self._control.supervisors, self._control.supervisor_state
-        own, row = made.settings[s], state.rows[s]
-        c, link = int(own["controller"]), int(own["link"])
-        both = [c, *(i for i, one in enumerate(self._case.controllers) if one.fallback_of == c)]
+        supervisors, state = self._control.supervisors, self._control.supervisor_state
+        settings, row = supervisors.settings[s], state.rows[s]
+        c, link = int(settings["controller"]), int(settings["link"])
+        both = [c, *(i for i, controller in enumerate(self._case.controllers) if controller.fallback_of == c)]
         pairs = [(who, newer) for who in both for newer in self._new(c, f"controller {who}", tick)]
-        latest = [one for one in pairs if one in self._issued and not self._changed.silent("issued", *one)]
+        latest = [pair for pair in pairs if pair in self._issued and not self._changed.silent("issued", *pair)]
         for newer in self._new(c, "state", tick):
             if (c, newer) in self._inner and not self._changed.absent("learning", c, newer):
                 for name in INNER:
@@ -166,14 +166,14 @@ class NodeReplay:
         ticks = [newer for newer in self._new(c, "plant", tick) if newer in self._place]
         if ticks:
             self._devices = self._record.devices[self._place[ticks[-1]]]
-        issued = np.concatenate([*(self._issued[one] for one in latest), self._out[:0]])
-        span = Span(tick, tick_ns(tick, int(own["frame_rate"])), tick_ns(tick + 1, int(own["frame_rate"])))
-        given = self._delivered[link][at], issued, np.ascontiguousarray(self._devices)
+        issued = np.concatenate([*(self._issued[pair] for pair in latest), self._out[:0]])
+        span = Span(tick, tick_ns(tick, int(settings["frame_rate"])), tick_ns(tick + 1, int(settings["frame_rate"])))
+        inputs = self._delivered[link][at], issued, np.ascontiguousarray(self._devices)
         out = setpoint_buffer(len(self._case.controllers[c].devices), len(issued))  # a restart brings many at once
-        count = supervise(made, state, s, span, *given, out)
+        count = supervise(supervisors, state, s, span, *inputs, out)
         self._rows["supervised"].append(out[:count])
         status = np.zeros(1, SUPERVISION)
-        if write_status(made, state, s, tick, status, 0):
+        if write_status(supervisors, state, s, tick, status, 0):
             self._rows["supervision"].append(status)
 
     def _new(self, c: int, what: str, tick: int) -> range:
@@ -181,17 +181,17 @@ class NodeReplay:
 
     def _identify(self, n: int, c: int, at: int, tick: int) -> None:
         """Run an identifier: store the setpoints sent to the devices, then process the delivered entries."""
-        made, state = self._control.identifiers, self._control.identifier_state
+        identifiers, state = self._control.identifiers, self._control.identifier_state
         for newer in self._messages.new("identifier", c, "setpoints", tick, tick - 1):
             if newer in self._place:
                 rows = self._acting[self._place[newer]]
-                store_setpoints(made, state, n, rows, len(rows))
+                store_setpoints(identifiers, state, n, rows, len(rows))
         frames = self._delivered[self._case.used_links[c]][at]
-        identify(made, state, n, frames, len(frames))
+        identify(identifiers, state, n, frames, len(frames))
         size = len(self._case.controllers[c].signals) * len(self._case.controllers[c].devices)
         rows = np.zeros(size, ESTIMATE)
-        write_estimates(made, state, n, tick, rows, 0)
+        write_estimates(identifiers, state, n, tick, rows, 0)
         self._rows["estimates"].append(rows)
-        found = state.jacobian[n].copy(), state.change[n].copy(), int(state.held.newest_ns[n])
-        self._estimates[c, tick] = Estimate(*found)
+        estimate_fields = state.jacobian[n].copy(), state.change[n].copy(), int(state.held.newest_ns[n])
+        self._estimates[c, tick] = Estimate(*estimate_fields)
         self._learning(c, 1, tick, state.learner.each[n], state.lyapunov[n])

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 def restore(state: Any, fresh: Any, place: int) -> None:
     """Copy item `place` of `fresh` to `state`; it indexes the first axis of all arrays."""
-    for own, before in zip(state, fresh, strict=True):
-        if isinstance(own, Struct):
-            restore(own, before, place)
+    for present, before in zip(state, fresh, strict=True):
+        if isinstance(present, Struct):
+            restore(present, before, place)
         else:
-            own[place] = before[place]
+            present[place] = before[place]
 
 
 class Restarts:

@@ -45,13 +45,13 @@ class Spec:
 def spec_of(case: Case, c: int) -> Spec:
     """The spec of controller c."""
     controller = case.controllers[c]
-    own = [case.system.device(name) for name in controller.devices]
+    devices = [case.system.device(name) for name in controller.devices]
     return Spec(
         controller.name,
         list(controller.signals),
         list(controller.devices),
-        np.array([device.setpoint_max for device in own]),
-        np.array([device.rate_max for device in own]),
+        np.array([device.setpoint_max for device in devices]),
+        np.array([device.rate_max for device in devices]),
         case.run.frame_rate,
         int(np.random.SeedSequence([case.run.seed, c]).generate_state(1)[0]),
         dict(controller.parameters),

@@ -43,21 +43,21 @@ class Stepper:
         self._restarts = Restarts(loop.control.bank, loop.control.bank_state)
         self.step(None)
 
-    def step(self, given: NDArray[np.float64] | None) -> bool:
-        """Go to the next tick; returns False at the end. `given`: setpoints of all controllers' devices in order, p.u.
+    def step(self, asked: NDArray[np.float64] | None) -> bool:
+        """Go to the next tick; returns False at the end. `asked`: setpoints of all controllers' devices in order, p.u.
 
         They replace the controllers' own. Fallbacks, which share the devices of other controllers, keep theirs.
         """
         if not self._goes_on:
             return False
         bank, state = self.loop.control.bank, self.loop.control.bank_state
-        if given is not None:
+        if asked is not None:
             at = 0
             for c, controller in enumerate(self._case.controllers):
                 if controller.fallback_of is not None:
                     continue
                 bank.code[c] = GIVEN
-                state.unlimited[c, : len(controller.devices)] = given[at : at + len(controller.devices)]
+                state.unlimited[c, : len(controller.devices)] = asked[at : at + len(controller.devices)]
                 at += len(controller.devices)
         self._restarts.begin(self.tick)
         here = 2 * self.tick + 1  # half ticks: runs the second of this tick and the first of the next
@@ -78,8 +78,8 @@ class Stepper:
 
     def delivered(self) -> dict[str, Delivered]:
         """The signals of all controllers by name; a signal used by several is taken from the first."""
-        found: dict[str, Delivered] = {}
+        signals: dict[str, Delivered] = {}
         for c, names in enumerate(self._names):
             for i, name in enumerate(names):
-                found.setdefault(name, Delivered(self._eyes[1].signal[c, i], self._sensed.age[c, i]))
-        return found
+                signals.setdefault(name, Delivered(self._eyes[1].signal[c, i], self._sensed.age[c, i]))
+        return signals

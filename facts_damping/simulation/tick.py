@@ -148,12 +148,12 @@ def control_step(
     for c in range(bank.code.size):
         if bank.code[c] == DIRECT or bank.code[c] == INDIRECT:
             net = shape_of(bank.shape[c])
-            own, fall = bank_state.learner.each[c], bank_state.memory.lyapunov[c]
-            rows = write_learning(net, own, fall, tick, c, 0, signals.learning, rows)
+            learner, fall = bank_state.learner.each[c], bank_state.memory.lyapunov[c]
+            rows = write_learning(net, learner, fall, tick, c, 0, signals.learning, rows)
     for n in range(ids.controller.size):
         net = shape_of(ids.shape[n])
-        own, fall = id_state.learner.each[n], id_state.lyapunov[n]
-        rows = write_learning(net, own, fall, tick, ids.controller[n], 1, signals.learning, rows)
+        learner, fall = id_state.learner.each[n], id_state.lyapunov[n]
+        rows = write_learning(net, learner, fall, tick, ids.controller[n], 1, signals.learning, rows)
     signals.used[AT.learning] = rows
     return acting
 
@@ -171,10 +171,10 @@ def _supervised(
     """Run a tick of all supervisors; returns the number of their setpoints."""
     supervisors, state, acting = control.supervisors, control.supervisor_state, 0
     for s in range(supervisors.settings.size):
-        own = supervisors.settings[s]
-        span = Span(tick, tick_ns(tick, own.frame_rate), tick_ns(tick + 1, own.frame_rate))
-        read_health(control.bank, control.bank_state, own.controller, state.rows[s])
-        rows = delivered[own.link, : ring[own.link, RING_DELIVERED]]
+        settings = supervisors.settings[s]
+        span = Span(tick, tick_ns(tick, settings.frame_rate), tick_ns(tick + 1, settings.frame_rate))
+        read_health(control.bank, control.bank_state, settings.controller, state.rows[s])
+        rows = delivered[settings.link, : ring[settings.link, RING_DELIVERED]]
         setpoints, free = control.issued[:issued], control.passed[acting:]
         acting += supervise(supervisors, state, s, span, rows, setpoints, devices, free)
         if write_status(supervisors, state, s, tick, signals.supervision, signals.used[AT.supervision]):
@@ -190,30 +190,30 @@ def run_half_ticks(loop: Loop, first: int, until: int) -> bool:
     Half tick 2 k: PMUs measure at tick k, and uplinks deliver. Half tick 2 k + 1: controllers act, supervisors forward,
     identifiers learn, downlinks deliver, and the plant advances.
     """
-    measured, links, control, kept = loop.measured, loop.links, loop.control, loop.signals
+    measured, links, control, trace = loop.measured, loop.links, loop.control, loop.signals
     several, rate = links.up.ring.shape[0], measured.pmus.frame_rate
     for half in range(first, until):
         tick = half // 2
         start, end = tick_ns(tick, rate), tick_ns(tick + 1, rate)
         if half % 2 == 0:
-            frame, measured_ns, status = kept.frames[tick], kept.measured_ns[tick], kept.status[tick]
-            machines, devices = kept.machines[tick], kept.devices[tick]
+            frame, measured_ns, status = trace.frames[tick], trace.measured_ns[tick], trace.status[tick]
+            machines, devices = trace.machines[tick], trace.devices[tick]
             sound = measure_with_pmus(measured, tick, frame, measured_ns, status, machines, devices)
-            kept.time_ns[tick] = start
-            kept.in_synchronism[tick] = sound
-            kept.used[AT.ticks] = tick + 1
+            trace.time_ns[tick] = start
+            trace.in_synchronism[tick] = sound
+            trace.used[AT.ticks] = tick + 1
             for link in range(several):
                 delivered = uplink(links, link, tick, start, end, frame, measured_ns, status)
                 rows = links.up.out[link]
-                kept.used[AT.delivered] = _append(kept.delivered, kept.used[AT.delivered], rows, delivered)
+                trace.used[AT.delivered] = _append(trace.delivered, trace.used[AT.delivered], rows, delivered)
             continue
-        acting = control_step(control, links.used, links.up.out, links.up.ring, tick, kept.devices[tick], kept)
+        acting = control_step(control, links.used, links.up.out, links.up.ring, tick, trace.devices[tick], trace)
         applied = 0
         for link in range(several):
             arrived = downlink(links, link, tick, end, control.passed, acting)
             applied = merge(loop.applied, applied, links.down.out[link], arrived)
-        kept.used[AT.applied] = _append(kept.applied, kept.used[AT.applied], loop.applied, applied)
-        if not kept.in_synchronism[tick] or control.bank_state.calls.failed.any():
+        trace.used[AT.applied] = _append(trace.applied, trace.used[AT.applied], loop.applied, applied)
+        if not trace.in_synchronism[tick] or control.bank_state.calls.failed.any():
             return False
         advance_with_pmus(measured, tick, loop.applied, applied)
     return True

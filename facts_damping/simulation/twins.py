@@ -145,6 +145,6 @@ def twin_of(record: Record) -> Twin | None:
     try:
         over = {"duration": len(record.time_ns) / record.frame_rate}  # it may have been stopped
         case = recorded_case({**record.configuration, **over}, "recording")
-        return None if any(kind_of(one).node for one in case.controllers) else twin(case, record)
+        return None if any(kind_of(controller).node for controller in case.controllers) else twin(case, record)
     except FactsDampingError:
         return None

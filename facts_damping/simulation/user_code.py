@@ -42,11 +42,11 @@ def find(text: str, where: str) -> Any:
         raise InputError(f"{where}: {place}: no such file; allowed: a file in Python with the class")
     with users(where, place, f"as {place} was loaded"), _importable(Path.cwd()):
         module = _run_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
-    found = getattr(module, name, None)
-    if not isinstance(found, type):
+    policy_class = getattr(module, name, None)
+    if not isinstance(policy_class, type):
         classes = [key for key, value in vars(module).items() if isinstance(value, type) and hasattr(value, "step")]
         raise InputError(f"{where}: no class '{name}' in {place}; allowed: {', '.join(classes) or 'one with a step'}")
-    return found
+    return policy_class
 
 
 @contextmanager
@@ -160,9 +160,9 @@ def file_of(member: Any) -> str:
 def described(error: BaseException, file: str) -> str:
     """An error of user code in one line, with the line of code that raised it."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = [one for one in frames if file and Path(one.filename).name == Path(file).name]
+    user_frames = [frame for frame in frames if file and Path(frame.filename).name == Path(file).name]
     if isinstance(error, SyntaxError) and error.filename:
         at = f"{Path(error.filename).name}:{error.lineno}: "
     else:
-        at = f"{Path(own[-1].filename).name}:{own[-1].lineno}: " if own else ""
+        at = f"{Path(user_frames[-1].filename).name}:{user_frames[-1].lineno}: " if user_frames else ""
     return ": ".join(filter(None, [f"{at}{type(error).__name__}", one_line(error)]))

@@ -25,22 +25,22 @@ EXACT = 300  # buses, up to which the layout by all distances takes seconds
 
 def places(system: System) -> Places:
     """Positions of buses by name, within a unit square about the origin."""
-    own = {bus.name: bus.position for bus in system.buses if bus.position is not None}
-    if len(own) == len(system.buses):
-        given_places = np.array(list(own.values()))
+    fixed = {bus.name: bus.position for bus in system.buses if bus.position is not None}
+    if len(fixed) == len(system.buses):
+        given_places = np.array(list(fixed.values()))
         low, high = given_places.min(axis=0), given_places.max(axis=0)
         extent = float((high - low).max()) or 1.0
-        return dict(zip(own, (2.0 * given_places - low - high) / extent, strict=True))
+        return dict(zip(fixed, (2.0 * given_places - low - high) / extent, strict=True))
     import networkx as nx  # noqa: PLC0415 (it takes longer to load than the rest)
 
     graph: nx.Graph[str] = nx.Graph()
     graph.add_nodes_from(bus.name for bus in system.buses)
-    given: list[tuple[str, str, float]] = [(row.from_bus, row.to_bus, abs(row.x) * row.length) for row in system.lines]
-    given += [(t.from_bus, t.to_bus, abs(t.x) * system.base_power / t.rating) for t in system.transformers]
-    given += [(*d.ends, 0.0) for d in system.devices if isinstance(d, Series)]
-    given += [(d.from_bus, d.to_bus, FAR) for d in system.devices if isinstance(d, Transmission)]
-    usual = float(np.median([x for _, _, x in given])) or 1.0
-    for a, b, x in given:
+    edges: list[tuple[str, str, float]] = [(row.from_bus, row.to_bus, abs(row.x) * row.length) for row in system.lines]
+    edges += [(t.from_bus, t.to_bus, abs(t.x) * system.base_power / t.rating) for t in system.transformers]
+    edges += [(*d.ends, 0.0) for d in system.devices if isinstance(d, Series)]
+    edges += [(d.from_bus, d.to_bus, FAR) for d in system.devices if isinstance(d, Transmission)]
+    usual = float(np.median([x for _, _, x in edges])) or 1.0
+    for a, b, x in edges:
         distance = float(np.clip(x / usual, NEAR, FAR))
         graph.add_edge(a, b, distance=distance, weight=1.0 / distance)
     if len(graph) <= EXACT:

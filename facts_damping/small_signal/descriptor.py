@@ -63,9 +63,9 @@ def solved(A: Descriptor, s: complex, b: NDArray[Any]) -> NDArray[Any]:
 def row_times(A: Descriptor, row: Float1) -> Float1:
     """A row times the state matrix."""
     n = A.states
-    given = A.matrix.T @ np.concatenate([row, np.zeros(A.matrix.shape[0] - n)])
-    found: Float1 = given[:n] - A.matrix[n:, :n].T @ solve_network(A.matrix[n:, n:].T.tocsc(), given[n:])
-    return found
+    whole = A.matrix.T @ np.concatenate([row, np.zeros(A.matrix.shape[0] - n)])
+    reduced: Float1 = whole[:n] - A.matrix[n:, :n].T @ solve_network(A.matrix[n:, n:].T.tocsc(), whole[n:])
+    return reduced
 
 
 def dense(A: Descriptor) -> Float2:
@@ -73,9 +73,9 @@ def dense(A: Descriptor) -> Float2:
     n = A.states
     if n > DENSE_STATES:
         raise InputError(f"system: a plant of {n} states given; allowed: at most {DENSE_STATES}, or a smaller `model`")
-    own, to, of, z = (A.matrix[rows][:, at] for rows in (slice(n), slice(n, None)) for at in (slice(n), slice(n, None)))
-    found: Float2 = own.toarray() - to @ solve_network(z.tocsc(), of.toarray())
-    return found
+    f_x, to, of, z = (A.matrix[rows][:, at] for rows in (slice(n), slice(n, None)) for at in (slice(n), slice(n, None)))
+    matrix: Float2 = f_x.toarray() - to @ solve_network(z.tocsc(), of.toarray())
+    return matrix
 
 
 def _shifted(A: Descriptor, s: complex) -> Any:
@@ -91,11 +91,11 @@ def eigenvectors(A: Descriptor) -> tuple[Complex1, Complex2, Complex2]:
     An eigenvalue counts at the shift to which it is nearest. The left invariant subspace W at a shift gives the left
     vectors, those with W^T V = 1.
     """
-    found = [_near(A, 2j * np.pi * hertz) for hertz in SHIFTS_HZ]
-    values, left, right = (np.concatenate([one[i] for one in found], axis=-1) for i in range(3))
+    near_shifts = [_near(A, 2j * np.pi * hertz) for hertz in SHIFTS_HZ]
+    values, left, right = (np.concatenate([near[i] for near in near_shifts], axis=-1) for i in range(3))
     apart = np.abs(values[:, None] - 2j * np.pi * SHIFTS_HZ)
-    own = np.repeat(np.arange(len(found)), [len(one[0]) for one in found]) == apart.argmin(axis=1)
-    return values[own], left[:, own], right[:, own]
+    nearest = np.repeat(np.arange(len(near_shifts)), [len(near[0]) for near in near_shifts]) == apart.argmin(axis=1)
+    return values[nearest], left[:, nearest], right[:, nearest]
 
 
 def _near(A: Descriptor, s: complex) -> tuple[Complex1, Complex2, Complex2]:
@@ -121,13 +121,13 @@ def eigenvalue_near(A: Descriptor, guess: complex) -> tuple[complex, Complex1, C
     """As `matrices.eigenvalue_near`: the eigenvalue (1/s) nearest a guess, and its right and left vectors."""
     shift, n = shift_near(guess), A.states
     pencil = _shifted(A, shift)
-    ways = [factors(one, complex) for one in (pencil, pencil.T)]
+    ways = [factors(matrix, complex) for matrix in (pencil, pencil.T)]
     start = np.array(1.0 / np.arange(1.0, n + 1), np.complex128)
     vectors, before = [start, start], [start, start]
     for _ in range(STEPS):
         before = [over(v, v[np.argmax(magnitudes(v))]) for v in vectors]
         wide = [np.concatenate([v, np.zeros(pencil.shape[0] - n)]) for v in before]
-        vectors = [substitute(*one)[:n] for one in zip(ways, wide, strict=True)]
+        vectors = [substitute(*pair)[:n] for pair in zip(ways, wide, strict=True)]
     (old, _), (right, left) = before, vectors
     value = shift + complex(over(product(left, old), product(left, right)))
     return value, over(right, right[np.argmax(magnitudes(right))]), over(left, left[np.argmax(magnitudes(left))])
@@ -159,14 +159,14 @@ def linearised(plant: Plant, state: PlantState, weights: Float2) -> Linear:
         )
 
     outputs = whole(net.outputs, many + buses).T.tocsc()
-    given = outputs @ np.concatenate([work.inputs, work.voltage])
+    network_outputs = outputs @ np.concatenate([work.inputs, work.voltage])
     upper = net.upper.value.copy()
     upper[net.upper.begin[1:] - 1] = 1.0 / upper[net.upper.begin[1:] - 1]
     admittance = whole(net.lower, buses) @ csc_array((upper, net.upper.row, net.upper.begin), (buses, buses))
     fed = np.r_[:machines, machines + infinite : many]  # infinite buses stay as they are
-    local, frames = _local(plant, state, given)
-    own = local[:, : n + 2 * count].tocsc()
-    x_x, i_x, x_y, i_y = own[:n, :n], own[n:, :n], own[:n, n:], own[n:, n:]
+    local, frames = _local(plant, state, network_outputs)
+    states_part = local[:, : n + 2 * count].tocsc()
+    x_x, i_x, x_y, i_y = states_part[:n, :n], states_part[n:, :n], states_part[:n, n:], states_part[n:, n:]
     one_i, one_y = (csc_array((np.ones(m), (range(m), range(m))), (m, m)) for m in (2 * len(fed), 2 * count))
     into = _real(whole(net.inputs, buses)[:, fed])
     parts = [
@@ -195,12 +195,12 @@ def _real(a: Any) -> Any:
     return block_array([[a.real, -a.imag], [a.imag, a.real]], format="csc")
 
 
-def _local(plant: Plant, state: PlantState, given: Complex1) -> tuple[Any, Any]:
+def _local(plant: Plant, state: PlantState, network_outputs: Complex1) -> tuple[Any, Any]:
     """Derivatives by states, network outputs and references: of slopes and network inputs, and of frames.
 
     The second has no columns of references.
     """
-    n, count = len(state.x), len(given)
+    n, count = len(state.x), len(network_outputs)
     apart = _with_outputs_given(plant, count)
     work, pmus = workspace(apart, state), len(plant.pmu_machine)
     machines, devices = np.zeros(len(plant.machines), MACHINE_TRUTH), np.zeros(len(plant.devices), DEVICE_TRUTH)
@@ -208,26 +208,26 @@ def _local(plant: Plant, state: PlantState, given: Complex1) -> tuple[Any, Any]:
 
     def answer(values: Float1) -> Float1:
         x, y, u = np.split(values, [n, n + 2 * count])
-        own = apart._replace(infinite=y[:count] + 1j * y[count:])
+        driven = apart._replace(infinite=y[:count] + 1j * y[count:])
         slope, frame = np.zeros(n), np.zeros((pmus, len(CHANNELS)))
         moved = copy(state)._replace(x=x, reference=u)
-        derivatives(own, x, u, moved.source, 0, slope, work)
+        derivatives(driven, x, u, moved.source, 0, slope, work)
         inputs = work.inputs[fed]
-        measure(own, moved, 0, frame, machines, devices, work)
+        measure(driven, moved, 0, frame, machines, devices, work)
         return np.concatenate([slope, inputs.real, inputs.imag, np.nan_to_num(frame.ravel())])
 
     of_states, of_inputs, of_outputs, of_references = _groups(plant, n)
     columns = np.concatenate([of_states, of_outputs, of_outputs, of_references])
     of_frames = np.repeat(of_outputs[count - pmus :], len(CHANNELS))
     rows = np.concatenate([of_states, of_inputs, of_inputs, of_frames])
-    at = np.concatenate([state.x, given.real, given.imag, state.reference])
-    found = _differences(answer, at, rows, columns)
-    frames = found[n + 2 * len(fed) :, : n + 2 * count].tolil()
+    at = np.concatenate([state.x, network_outputs.real, network_outputs.imag, state.reference])
+    jacobian = _differences(answer, at, rows, columns)
+    frames = jacobian[n + 2 * len(fed) :, : n + 2 * count].tolil()
     for s, g in enumerate(plant.pmu_machine):
         if g >= 0:
             frames[s * len(CHANNELS) + SPEED] = 0.0
             frames[s * len(CHANNELS) + SPEED, plant.machines["offset"][g] + 1] = 1.0
-    return found[: n + 2 * len(fed)], frames.tocsr()
+    return jacobian[: n + 2 * len(fed)], frames.tocsr()
 
 
 def _differences(f: Callable[[Float1], Float1], at: Float1, rows: Int1, columns: Int1) -> Any:
@@ -243,11 +243,11 @@ def _differences(f: Callable[[Float1], Float1], at: Float1, rows: Int1, columns:
         step[moved] = STEP * np.maximum(1.0, np.abs(at[moved]))
         up, down = at + step, at - step
         change = f(up) - f(down)
-        own = np.full(max(rows.max(), columns.max()) + 1, -1)
-        own[columns[moved]] = moved
-        column = own[rows]
-        kept = (column >= 0) & (change != 0.0)
-        entries.append((change[kept] / (up - down)[column[kept]], np.flatnonzero(kept), column[kept]))
+        column_of = np.full(max(rows.max(), columns.max()) + 1, -1)
+        column_of[columns[moved]] = moved
+        column = column_of[rows]
+        changed = (column >= 0) & (change != 0.0)
+        entries.append((change[changed] / (up - down)[column[changed]], np.flatnonzero(changed), column[changed]))
     value, row, column = (np.concatenate(part) for part in zip(*entries, strict=True))
     return csr_array((value, (row, column)), (len(rows), len(at)))
 
@@ -256,9 +256,9 @@ def _groups(plant: Plant, states: int) -> tuple[Int1, Int1, Int1, Int1]:
     """Group of each state, network input, output and reference: a machine, load, device or PMU."""
     machines, loads, devices = len(plant.machines), len(plant.loads), len(plant.placed)
     of_devices = np.where(plant.placed["port"] < 0, plant.placed["machine"], machines + loads + np.arange(devices))
-    own = (plant.placed["states"] > 0) | (plant.placed["response_time"] > 0.0)
-    begin = np.concatenate([plant.machines["offset"], plant.loads["offset"], plant.placed["offset"][own]])
-    group = np.concatenate([np.arange(machines + loads), of_devices[own]])
+    stateful = (plant.placed["states"] > 0) | (plant.placed["response_time"] > 0.0)
+    begin = np.concatenate([plant.machines["offset"], plant.loads["offset"], plant.placed["offset"][stateful]])
+    group = np.concatenate([np.arange(machines + loads), of_devices[stateful]])
     group, begin = group[begin >= 0], begin[begin >= 0]
     order = np.argsort(begin)
     of_states = group[order][np.searchsorted(begin[order], np.arange(states), side="right") - 1]

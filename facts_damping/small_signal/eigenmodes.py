@@ -94,18 +94,18 @@ def modes(
     washouts, Td the devices' dead times.
     """
     values, left, right = eigenvectors(matrix)
-    found = []
+    eigenmodes = []
     for i in np.argsort(-values.real):
         if values[i].imag < 0:
             continue
         v, w = right[:, i], left[:, i]
-        one = mode(complex(values[i]), v, w, names, system)
-        if model is not None and system is not None and one.swings:
+        eigenmode = mode(complex(values[i]), v, w, names, system)
+        if model is not None and system is not None and eigenmode.swings:
             seen = model.gain(values[i]) * (model.seen[0] @ v)
             matrix_of_residues = np.outer(seen, w @ model.B) / (w @ v) * model.late(values[i])
-            one = one._replace(residues=_residues(matrix_of_residues, list(system.signals), devices))
-        found.append(one)
-    return found
+            eigenmode = eigenmode._replace(residues=_residues(matrix_of_residues, list(system.signals), devices))
+        eigenmodes.append(eigenmode)
+    return eigenmodes
 
 
 def mode(
@@ -141,10 +141,10 @@ def unlike(some: Sequence[Eigenmode], others: Sequence[Eigenmode]) -> Float2:
     a, b = (np.array([list(mode.shape.values()) for mode in modes], complex) for modes in (some, others))
     if not (len(a) and len(b)):
         return np.ones((len(a), len(b)))
-    own, other = (np.array([mode.eigenvalue for mode in modes]) for modes in (some, others))
-    sizes = np.multiply.outer(*((np.abs(one) ** 2).sum(axis=1) for one in (a, b)))
+    values, other = (np.array([mode.eigenvalue for mode in modes]) for modes in (some, others))
+    sizes = np.multiply.outer(*((np.abs(shapes) ** 2).sum(axis=1) for shapes in (a, b)))
     alike = np.abs(a.conj() @ b.T) ** 2 / np.where(sizes > 0.0, sizes, np.inf)
-    return np.asarray(np.minimum(1.0, np.abs(own[:, None] - other) / np.abs(own)[:, None] + 1.0 - alike))
+    return np.asarray(np.minimum(1.0, np.abs(values[:, None] - other) / np.abs(values)[:, None] + 1.0 - alike))
 
 
 def _label(swing: float, shape: dict[str, complex], system: System | None) -> str:
@@ -178,12 +178,12 @@ def _label(swing: float, shape: dict[str, complex], system: System | None) -> st
 
 def _residues(matrix: NDArray[Any], signals: Sequence[str], devices: Sequence[str]) -> list[Residue]:
     """Residues from each device to each signal, with the sign and the lead that turn R K to -180 degrees."""
-    found = []
+    residues = []
     for d, device in enumerate(devices):
         for s, signal in enumerate(signals):
             angle = float(np.rad2deg(np.angle(matrix[s, d])))
-            found.append(Residue(device, signal, float(abs(matrix[s, d])), angle, *sign_and_lead(angle)))
-    return found
+            residues.append(Residue(device, signal, float(abs(matrix[s, d])), angle, *sign_and_lead(angle)))
+    return residues
 
 
 def sign_and_lead(angle_deg: float) -> tuple[int, float]:

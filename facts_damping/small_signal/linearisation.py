@@ -152,11 +152,11 @@ def linear_model(
             C[i] = descriptor.row_times(A, C[i]) if isinstance(A, Descriptor) else product(C[i], A)
         if signal.channel in TURNING:
             C[i], D[i] = C[i] / (2.0 * np.pi), D[i] / (2.0 * np.pi)
-    own = None
+    filters = None
     if measured is not None and measured.delay > 0:
-        own = filtered(measured, [one.channel for one in signals.values()], sampled_C, sampled_D, frame_rate)
+        filters = filtered(measured, [part.channel for part in signals.values()], sampled_C, sampled_D, frame_rate)
     washout = np.array([signal.washout for signal in signals.values()])
-    return LinearModel(A, B, C, D, washout, own, plant.devices["dead_ns"] / NANOSECONDS)
+    return LinearModel(A, B, C, D, washout, filters, plant.devices["dead_ns"] / NANOSECONDS)
 
 
 def weights_of(signal: Signal, pmus: Sequence[str], nominal: float, channel: str | None = None) -> Float2:
@@ -164,9 +164,9 @@ def weights_of(signal: Signal, pmus: Sequence[str], nominal: float, channel: str
 
     `nominal`: frequency, Hz; `channel`: the weighted channel, by default the signal's.
     """
-    made = np.zeros((len(pmus), len(CHANNELS)))
-    made[:, list(CHANNELS).index(channel or signal.channel)] = pmu_weights(signal, pmus, nominal)
-    return made
+    weights = np.zeros((len(pmus), len(CHANNELS)))
+    weights[:, list(CHANNELS).index(channel or signal.channel)] = pmu_weights(signal, pmus, nominal)
+    return weights
 
 
 class TransferFunction(NamedTuple):
@@ -197,18 +197,18 @@ def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequ
     n = len(model.A)
     right = np.diag([1.0] * n + [0.0])
     probe = 1j * 2 * np.pi + 1.0  # 1/s, where the gain is evaluated
-    found = []
+    functions = []
     for d, device in enumerate(devices):
         for s, signal in enumerate(signals):
             D = model.D[s, d] if abs(model.D[s, d]) > 1e-7 else 0.0  # smaller values are round-off of the differences
             pencil = np.block([[model.A, model.B[:, [d]]], [model.C[[s]], np.array([[D]])]])
             values = eig(pencil, right, right=False)
-            zeros, own = values[np.isfinite(values) & (np.abs(values) < 1e6)], poles
+            zeros, all_poles = values[np.isfinite(values) & (np.abs(values) < 1e6)], poles
             if model.washout[s] > 0.0:
-                zeros, own = np.append(zeros, 0.0), np.append(poles, -1.0 / model.washout[s])
+                zeros, all_poles = np.append(zeros, 0.0), np.append(poles, -1.0 / model.washout[s])
             value = (model.response(probe) / model.late(probe))[s, d]
-            gain = value * np.exp(np.log(probe - own).sum() - np.log(probe - zeros).sum())  # products overflow
-            zeros_and_poles = float(gain.real), zeros.tolist(), own.tolist()
+            gain = value * np.exp(np.log(probe - all_poles).sum() - np.log(probe - zeros).sum())  # products overflow
+            zeros_and_poles = float(gain.real), zeros.tolist(), all_poles.tolist()
             dead_time = float(np.broadcast_to(model.dead_time, len(devices))[d])
-            found.append(TransferFunction(device, signal, *zeros_and_poles, float(D), dead_time))
-    return found
+            functions.append(TransferFunction(device, signal, *zeros_and_poles, float(D), dead_time))
+    return functions

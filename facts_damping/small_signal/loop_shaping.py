@@ -49,8 +49,8 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
     mode = least_damped(plant, system, controller)
     counted = mode._replace(C=mode.C / count[:, None])
     shaped = series(weights, series(pade(delay, len(devices)), counted))
-    found, _ = tolerant(shaped, controller.number("above"))
-    law = series(found._replace(B=found.B / count), weights)
+    robust, _ = tolerant(shaped, controller.number("above"))
+    law = series(robust._replace(B=robust.B / count), weights)
     return held(*law, rate)
 
 
@@ -79,9 +79,9 @@ def washouts(gain: Float1, Tw: Float1) -> Matrices:
 def pade(delay: float, inputs: int) -> Matrices:
     """The Pade term of order 2 of a delay, s, of each input: (1 - s T/2 + s^2 T^2/12) / (1 + s T/2 + s^2 T^2/12)."""
     a0, a1 = 12.0 / (delay * delay), 6.0 / delay
-    one = np.eye(inputs)
-    A = np.kron(one, np.array([[0.0, 1.0], [-a0, -a1]]))
-    return Matrices(A, np.kron(one, np.array([[0.0], [1.0]])), np.kron(one, np.array([[0.0, -2.0 * a1]])), one)
+    eye = np.eye(inputs)
+    A = np.kron(eye, np.array([[0.0, 1.0], [-a0, -a1]]))
+    return Matrices(A, np.kron(eye, np.array([[0.0], [1.0]])), np.kron(eye, np.array([[0.0, -2.0 * a1]])), eye)
 
 
 def series(first: Matrices, second: Matrices) -> Matrices:
@@ -106,9 +106,9 @@ def tolerant(shaped: Matrices, above: float) -> tuple[Matrices, float]:
 
 def continuous_riccati(A: Float2, B: Float2, C: Float2) -> Float2:
     """The stabilising X of A^T X + X A - X B B^T X + C^T C = 0, by the Hamiltonian's sign (J. D. Roberts, 1980)."""
-    n, one = len(A), np.eye(len(A))
+    n, eye = len(A), np.eye(len(A))
     W = sign(np.block([[A, -product(B, B.T)], [-product(C.T, C), -A.T]]))
-    left = np.vstack([W[:n, n:], W[n:, n:] + one])
-    right = -np.vstack([W[:n, :n] + one, W[n:, :n]])
+    left = np.vstack([W[:n, n:], W[n:, n:] + eye])
+    right = -np.vstack([W[:n, :n] + eye, W[n:, :n]])
     X = solve(product(left.T, left), product(left.T, right))
     return np.asarray((X + X.T) / 2.0)

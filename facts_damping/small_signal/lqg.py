@@ -88,7 +88,7 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
     swing = size
     if filters is not None:
         swing = magnitudes(product(filters.C, plant.shape)) * size / magnitudes(plant.mode_shape[rows])
-    key = sha256(b"".join(one.tobytes() for one in (*whole, limits, swing)) + repr(names).encode()).digest()
+    key = sha256(b"".join(array.tobytes() for array in (*whole, limits, swing)) + repr(names).encode()).digest()
     small = shared(_reduced, key, lambda: reduced(whole, names, limits, swing))
     if np.abs(np.linalg.eigvals(small.A)).min() < DRIFTS:
         raise InputError(
@@ -112,11 +112,11 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
 def without_integrals(whole: DesignModel, names: list[str], system: System) -> tuple[DesignModel, list[str]]:
     """The model without integrals that act on nothing, as the charges of batteries, and the names of its states."""
     idle = {f"{device.name}.{state}" for device in system.devices for state in KINDS[device.kind].integrals}
-    kept = [i for i, name in enumerate(names) if name not in idle]
-    if len(kept) == len(names):
+    staying = [i for i, name in enumerate(names) if name not in idle]
+    if len(staying) == len(names):
         return whole, names
-    T = np.eye(len(names))[:, kept]
-    return whole.within(T, T.T), [names[i] for i in kept]
+    T = np.eye(len(names))[:, staying]
+    return whole.within(T, T.T), [names[i] for i in staying]
 
 
 def _check(plant: Residues, system: System, controller: Controller, size: Float1, here: str) -> None:
@@ -142,14 +142,14 @@ def model(plant: Residues, system: System, controller: Controller) -> DesignMode
     machine = {pmu.name: pmu.machine for pmu in system.pmus}
     differences = measure_weights({"system": system.model_dump(by_alias=True)}).values()
     G, Z = np.zeros((len(plant.names), len(system.machines))), np.zeros((len(differences), len(plant.names)))
-    for i, one in enumerate(system.machines):
-        G[plant.names.index(f"{one.name}.omega"), i] = 1.0 / (2.0 * one.H)
+    for i, rotor in enumerate(system.machines):
+        G[plant.names.index(f"{rotor.name}.omega"), i] = 1.0 / (2.0 * rotor.H)
     for i, weights in enumerate(differences):
         for pmu, weight in weights.items():
             Z[i, plant.names.index(f"{machine[pmu]}.omega")] += weight
-    own = plant.model
-    C, D = own.seen
-    return DesignModel(own.A, own.B[:, columns], G, C[rows], D[np.ix_(rows, columns)], Z)
+    linear = plant.model
+    C, D = linear.seen
+    return DesignModel(linear.A, linear.B[:, columns], G, C[rows], D[np.ix_(rows, columns)], Z)
 
 
 def reduced(whole: DesignModel, names: Sequence[str], limits: Float1, size: Float1) -> DesignModel:
@@ -158,16 +158,16 @@ def reduced(whole: DesignModel, names: Sequence[str], limits: Float1, size: Floa
     P, from the sign of the matrix, splits the states as x = P x + (1 - P) x into the decaying part and the rest. In
     each part the other one, and in both the rigid motions, are uncontrollable and unobservable, with a decay of 1/s.
     """
-    one = np.eye(len(whole.A))
+    eye = np.eye(len(whole.A))
     still = rigid(whole.A, np.vstack([whole.C, whole.Z]), names)
     hidden = product(still, still.T)
-    seen = whole.within(one - hidden, one - hidden)
-    P = (one - sign(seen.A - hidden + DECAYS * one)) / 2.0
-    staying, sizes, seeing = singular(one - P)
-    stays = round(float(np.trace(one - P)))
+    seen = whole.within(eye - hidden, eye - hidden)
+    P = (eye - sign(seen.A - hidden + DECAYS * eye)) / 2.0
+    staying, sizes, seeing = singular(eye - P)
+    stays = round(float(np.trace(eye - P)))
     fast = seen.within(P, P)
     inputs, outputs = np.hstack([fast.B * limits, fast.G]), np.vstack([fast.C / size[:, None], fast.Z])
-    T, back = balancing(fast.A - (one - P) - hidden, inputs, outputs)
+    T, back = balancing(fast.A - (eye - P) - hidden, inputs, outputs)
     return seen.within(np.hstack([staying[:, :stays], T]), np.vstack([sizes[:stays, None] * seeing[:, :stays].T, back]))
 
 
@@ -176,9 +176,9 @@ def balancing(A: Float2, B: Float2, C: Float2) -> tuple[Float2, Float2]:
     reach = root(lyapunov(A, product(B, B.T)))
     observe = root(lyapunov(A.T, product(C.T, C)))
     left, values, right = singular(product(observe.T, reach))
-    kept = int(np.sum(values >= KEPT * values.max(initial=0.0)))
-    scale = 1.0 / np.sqrt(values[:kept])
-    return product(reach, right[:, :kept]) * scale, (product(observe, left[:, :kept]) * scale).T
+    order = int(np.sum(values >= KEPT * values.max(initial=0.0)))
+    scale = 1.0 / np.sqrt(values[:order])
+    return product(reach, right[:, :order]) * scale, (product(observe, left[:, :order]) * scale).T
 
 
 class SampledModel(NamedTuple):
@@ -219,15 +219,15 @@ def optimal(
     """
     through, pole, pick = washouts(washout, period)
     devices, memory = len(limits), 0 if filters is None else filters.frames * len(washout)
-    own = len(step.Phi) + len(pole) + memory
+    states = len(step.Phi) + len(pole) + memory
     ends = np.cumsum([len(step.Phi), len(pole), memory, *[devices] * (step.f + 1)])
-    x, faded, kept, *sent = np.split(np.eye(ends[-1] + devices), ends)  # rows that select each part
+    x, faded, memory_rows, *sent = np.split(np.eye(ends[-1] + devices), ends)  # rows that select each part
     sent = [sent[-1], *sent[:-1]]  # u(k) to u(k-f-1)
-    raw, remembered = product(small.C, x) + product(small.D, sent[-1]), kept
+    raw, remembered = product(small.C, x) + product(small.D, sent[-1]), memory_rows
     if filters is not None:
-        raw = filters.taps[:, 0, None] * raw + kept[: len(washout)]
+        raw = filters.taps[:, 0, None] * raw + memory_rows[: len(washout)]
         inputs = [(list(range(devices)), sent[-1], sent[step.f], step.part)]
-        remembered = remember(filters, samples(filters, small.A, small.B, x, inputs), kept)
+        remembered = remember(filters, samples(filters, small.A, small.B, x, inputs), memory_rows)
     y = product(through, raw - product(pick.T, faded))
     moved = product(step.Phi, x) + product(step.old, sent[-1]) + product(step.new, sent[step.f])
     washed = product(pole, faded) + product(np.eye(len(pole)) - pole, pick, raw)
@@ -236,10 +236,10 @@ def optimal(
     for i in range(step.f, 0, -1):
         ahead = product(step.Phi, ahead) + product(step.old, sent[i + 1]) + product(step.new, sent[i])
 
-    torque = np.vstack([step.torque, np.zeros((own - len(step.torque), step.torque.shape[1]))])
+    torque = np.vstack([step.torque, np.zeros((states - len(step.torque), step.torque.shape[1]))])
     M = np.zeros((ends[-1], len(measurement_noise)))
-    rest = solve(np.eye(own) - after[:own, :own], torque)  # equilibrium after a step of each torque
-    M[:own] = _filter(after[:own, :own], rest, y[:, :own], measurement_noise)
+    rest = solve(np.eye(states) - after[:states, :states], torque)  # equilibrium after a step of each torque
+    M[:states] = _filter(after[:states, :states], rest, y[:, :states], measurement_noise)
     K = product(_regulator(step, small.Z, limits, control_weight), np.vstack([ahead, sent[1]]))
     n = ends[-1]
     return StateSpace(after[:, :n], after[:, n:], y[:, :n], M, K[:, :n])
@@ -261,9 +261,9 @@ def washouts(washout: Float1, period: float) -> tuple[Float2, Float2, Float2]:
 
 def _filter(A: Float2, G: Float2, C: Float2, measurement_noise: Float1) -> Float2:
     """M of the Kalman filter, P C^T (C P C^T + R)^-1, with signals in units of their noise."""
-    seen, one = C / measurement_noise[:, None], np.eye(len(measurement_noise))
-    P = riccati(A.T, seen.T, product(G, G.T), one)
-    return np.asarray(solve(product(seen, P, seen.T) + one, product(seen, P)).T / measurement_noise)
+    seen, eye = C / measurement_noise[:, None], np.eye(len(measurement_noise))
+    P = riccati(A.T, seen.T, product(G, G.T), eye)
+    return np.asarray(solve(product(seen, P, seen.T) + eye, product(seen, P)).T / measurement_noise)
 
 
 def _regulator(step: SampledModel, Z: Float2, limits: Float1, control_weight: float) -> Float2:
@@ -271,7 +271,7 @@ def _regulator(step: SampledModel, Z: Float2, limits: Float1, control_weight: fl
     n, devices = step.new.shape
     A = np.block([[step.Phi, step.old * limits], [np.zeros((devices, n + devices))]])
     B = np.vstack([step.new * limits, np.eye(devices)])
-    one, Z = np.eye(devices), np.hstack([Z, np.zeros((len(Z), devices))])
-    X = riccati(A, B, product(Z.T, Z) / control_weight, one)
-    K = solve(one + product(B.T, X, B), product(B.T, X, A))
+    eye, Z = np.eye(devices), np.hstack([Z, np.zeros((len(Z), devices))])
+    X = riccati(A, B, product(Z.T, Z) / control_weight, eye)
+    K = solve(eye + product(B.T, X, B), product(B.T, X, A))
     return np.asarray(limits[:, None] * K / np.concatenate([np.ones(n), limits]))

@@ -69,12 +69,12 @@ def document(modal: Modal) -> dict[str, Any]:
         ],
         "relative_gains": [
             {
-                "signals": list(one.signals),
-                "frequency_hz": one.frequency_hz,
-                "relative_gain": _pair(one.relative[0, 0]),
-                "condition": one.condition,
+                "signals": list(pair.signals),
+                "frequency_hz": pair.frequency_hz,
+                "relative_gain": _pair(pair.relative[0, 0]),
+                "condition": pair.condition,
             }
-            for one in modal.interactions
+            for pair in modal.interactions
         ],
     }
 
@@ -144,7 +144,7 @@ def modes_text(modal: Modal) -> Iterator[str]:
             yield "  device       signal       residue 1/s  angle deg   u = K y: sign  lead deg"
         residues = mode.residues
         if len(residues) > MAX_RESIDUES:
-            residues = sorted(residues, key=lambda one: -one.magnitude)[:MAX_RESIDUES]
+            residues = sorted(residues, key=lambda residue: -residue.magnitude)[:MAX_RESIDUES]
         for r in residues:
             yield (
                 f"  {r.device:<12} {r.signal:<10} {r.magnitude:13.5g} {r.angle_deg:10.1f} "
@@ -158,8 +158,8 @@ def shown_modes(modal: Modal) -> list[eigenmodes.Eigenmode]:
     if len(modal.swings) <= MAX_MODES:
         return modal.swings
     low, high = BAND_HZ
-    own = [mode for mode in modal.swings if low <= mode.frequency_hz <= high] or modal.swings
-    return sorted(own, key=lambda mode: mode.damping_ratio)[:MAX_MODES]
+    in_band = [mode for mode in modal.swings if low <= mode.frequency_hz <= high] or modal.swings
+    return sorted(in_band, key=lambda mode: mode.damping_ratio)[:MAX_MODES]
 
 
 def _interactions_text(modal: Modal) -> Iterator[str]:
@@ -169,10 +169,10 @@ def _interactions_text(modal: Modal) -> Iterator[str]:
     at = modal.interactions[0].frequency_hz
     yield f"\nrelative gain from {modal.devices[0]} to the first of two signals; at {at:.4f} Hz largest gain / smallest"
     rows: dict[tuple[str, str], list[str]] = {}
-    for one in modal.interactions:
-        value = one.relative[0, 0]
-        shown = f"{one.condition:.3g}" if one.frequency_hz == at else f"{value.real:.2f}{value.imag:+.2f}j"
-        rows.setdefault(one.signals, [", ".join(one.signals)]).append(shown)
+    for pair in modal.interactions:
+        value = pair.relative[0, 0]
+        shown = f"{pair.condition:.3g}" if pair.frequency_hz == at else f"{value.real:.2f}{value.imag:+.2f}j"
+        rows.setdefault(pair.signals, [", ".join(pair.signals)]).append(shown)
     titles = ["signals", f"{at:.4f} Hz", *(f"{hertz:g} Hz" for hertz in FREQUENCIES_HZ)]
     whole = [row for row in rows.values() if len(row) == len(titles)]
     yield from ("  " + line for line in table(titles, whole, rule=False))

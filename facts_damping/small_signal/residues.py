@@ -78,9 +78,9 @@ class Residues(NamedTuple):
 
     def jacobian(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> Float2:
         """The responses with the signs at the mode, if these are defined, (signals, devices), p.u./p.u."""
-        found = self.response(signals, devices, frames)
-        sign = np.array([[self.sign(s, d) for d in devices] for s in signals]).reshape(found.shape)
-        return np.where(sign != 0.0, sign * np.abs(found), found)
+        responses = self.response(signals, devices, frames)
+        sign = np.array([[self.sign(s, d) for d in devices] for s in signals]).reshape(responses.shape)
+        return np.where(sign != 0.0, sign * np.abs(responses), responses)
 
     def ratio(self, signal: str, to: str) -> complex:
         """Swing of a signal in the mode relative to another one, p.u./p.u."""
@@ -149,12 +149,12 @@ def interactions(built: Built, system: System, devices: Sequence[str]) -> list[I
     if plant is None:
         return []
     limits = np.array([system.device(name).setpoint_max for name in devices])
-    found = []
+    pair_interactions = []
     for hertz in (plant.frequency_hz, *FREQUENCIES_HZ):
         gain = plant.model.response(2j * np.pi * hertz) * limits / np.abs(plant.mode_shape)[:, None]
         for a, b in combinations(range(len(plant.signals)), 2):
-            own = gain[[a, b]]
-            if np.linalg.cond(own) < ALIKE:
+            pair_gain = gain[[a, b]]
+            if np.linalg.cond(pair_gain) < ALIKE:
                 pair = (plant.signals[a], plant.signals[b])
-                found.append(Interaction(hertz, pair, own, own * np.linalg.inv(own).T))
-    return found
+                pair_interactions.append(Interaction(hertz, pair, pair_gain, pair_gain * np.linalg.inv(pair_gain).T))
+    return pair_interactions

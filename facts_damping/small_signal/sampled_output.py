@@ -50,48 +50,48 @@ def filtered(pmu_filter: Filter, channels: Sequence[str], C: Float2, D: Float2, 
     rows = [taps(pmu_filter, channel, frame_rate) for channel in channels]
     frames = -(-(max(map(len, rows)) - 1) // pmu_filter.per_frame)
     padded = np.zeros((len(rows), 1 + frames * pmu_filter.per_frame))
-    for row, one in zip(padded, rows, strict=True):
-        row[: len(one)] = one
+    for row, row_taps in zip(padded, rows, strict=True):
+        row[: len(row_taps)] = row_taps
     return Filtered(
         C, D, padded, pmu_filter.per_frame, float(pmu_filter.per_frame * frame_rate), pmu_filter.delay / frame_rate
     )
 
 
 def samples(
-    filtered: Filtered, A: Float2, B: Float2, x: Float2, inputs: Sequence[tuple[list[int], Float2, Float2, float]]
+    filters: Filtered, A: Float2, B: Float2, x: Float2, inputs: Sequence[tuple[list[int], Float2, Float2, float]]
 ) -> Float3:
     """Samples in a frame, at t_k + i / rate, (per_frame, signals, columns), as rows in terms of `x` and inputs.
 
     `inputs`: columns of B, the setpoints in force first, those that follow, and the time of the change (s). A sample at
     exactly this time uses the first.
     """
-    found = []
-    for i in range(filtered.per_frame):
-        at = i / filtered.rate
-        state, seen = product(held_for(A, B, at)[0], x), np.zeros((len(filtered.C), x.shape[1]))
+    sampled = []
+    for i in range(filters.per_frame):
+        at = i / filters.rate
+        state, seen = product(held_for(A, B, at)[0], x), np.zeros((len(filters.C), x.shape[1]))
         for columns, old, new, switch in inputs:
             b = B[:, columns]
             if at <= switch:
                 state = state + product(held_for(A, b, at)[1], old)
-                seen = seen + product(filtered.D[:, columns], old)
+                seen = seen + product(filters.D[:, columns], old)
             else:
                 onward, later = held_for(A, b, at - switch)
                 state = state + product(onward, held_for(A, b, switch)[1], old) + product(later, new)
-                seen = seen + product(filtered.D[:, columns], new)
-        found.append(product(filtered.C, state) + seen)
-    return np.array(found)
+                seen = seen + product(filters.D[:, columns], new)
+        sampled.append(product(filters.C, state) + seen)
+    return np.array(sampled)
 
 
-def remember(filtered: Filtered, sampled: Float3, memory: Float2) -> Float2:
+def remember(filters: Filtered, sampled: Float3, memory: Float2) -> Float2:
     """Filter memory for the next frames after a frame's samples: rows of `memory`, (frames * signals, columns).
 
     The transposed form: w_m(k+1) = w_(m+1)(k) + sum_i g_(m M - i) y(t_k + i / rate), y(k) = g_0 y(t_k) + w_1(k), with M
     samples per frame.
     """
-    n, frames = len(filtered.taps), filtered.frames
-    kept = memory.reshape(frames, n, -1)
-    following = np.concatenate([kept[1:], np.zeros_like(kept[:1])])
+    n, frames = len(filters.taps), filters.frames
+    past = memory.reshape(frames, n, -1)
+    following = np.concatenate([past[1:], np.zeros_like(past[:1])])
     for m in range(1, frames + 1):
-        for i in range(filtered.per_frame):
-            following[m - 1] += filtered.taps[:, m * filtered.per_frame - i, None] * sampled[i]
+        for i in range(filters.per_frame):
+            following[m - 1] += filters.taps[:, m * filters.per_frame - i, None] * sampled[i]
     return following.reshape(frames * n, -1)

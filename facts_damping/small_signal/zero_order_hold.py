@@ -30,11 +30,11 @@ def halvings(A: Float2, B: Float2, seconds: float) -> list[tuple[Float2, Float2]
     """Phi and Gamma over t, t/2, t/4 ... down to where Taylor's series of A t converges at once; see `effect`."""
     size = float(np.abs(A).sum(axis=1).max(initial=0.0)) * seconds
     times = max(0, int(np.ceil(np.log2(max(2.0 * size, 1.0)))))
-    found = [held_for(A, B, seconds / 2**times)]
+    steps = [held_for(A, B, seconds / 2**times)]
     for _ in range(times):
-        Phi, Gamma = found[-1]
-        found.append((Phi @ Phi, Phi @ Gamma + Gamma))
-    return found[::-1]
+        Phi, Gamma = steps[-1]
+        steps.append((Phi @ Phi, Phi @ Gamma + Gamma))
+    return steps[::-1]
 
 
 def effect(halved: Sequence[tuple[Float2, Float2]], A: Float2, B: Float2, seconds: float, part: float) -> Float2:
@@ -44,13 +44,13 @@ def effect(halved: Sequence[tuple[Float2, Float2]], A: Float2, B: Float2, second
         if rest >= seconds / 2**i:
             used.append(step)
             rest -= seconds / 2**i
-    term = found = B * rest
+    term = gamma = B * rest
     for k in range(2, TERMS):
         term = A @ term * (rest / k)
-        found = found + term
+        gamma = gamma + term
     for Phi, Gamma in reversed(used):
-        found = Phi @ found + Gamma
-    return found
+        gamma = Phi @ gamma + Gamma
+    return gamma
 
 
 def rigid(A: Float2, C: Float2, names: Sequence[str]) -> Float2:
@@ -59,7 +59,7 @@ def rigid(A: Float2, C: Float2, names: Sequence[str]) -> Float2:
     Other states may settle elsewhere, as those of washouts do. Such motions, (states, 0 to 2), orthonormal, have zero
     eigenvalues, which round-off moves to either side.
     """
-    found = np.zeros((len(A), 0))
+    motions = np.zeros((len(A), 0))
     whole = np.vstack([A, C])
     turning = (".delta", ".theta", ".theta_w")  # rotor angles, and angles in load models
     beside = np.array([not name.endswith((*turning, ".omega")) for name in names])
@@ -70,11 +70,11 @@ def rigid(A: Float2, C: Float2, names: Sequence[str]) -> Float2:
             if np.abs(answer).max(initial=0.0) > NEAR:
                 scale = np.where(size > 0.0, size, 1.0)[beside]
                 motion[beside] = least_squares(A[np.ix_(beside, beside)] / scale[:, None], -answer / scale)
-            motion -= product(found, found.T, motion)
+            motion -= product(motions, motions.T, motion)
             answer = product(whole, motion)
-            answer[: len(A)] -= product(found, found.T, answer[: len(A)])  # a common speed shift turns all rotors
+            answer[: len(A)] -= product(motions, motions.T, answer[: len(A)])  # a common speed shift turns all rotors
             cancelled = product(np.abs(whole), np.abs(motion)) + np.abs(whole).max(axis=1)
             if motion.any() and (np.abs(answer) <= NEAR * cancelled).all():
-                found = np.column_stack([found, motion / np.sqrt((motion * motion).sum())])
+                motions = np.column_stack([motions, motion / np.sqrt((motion * motion).sum())])
                 break
-    return found
+    return motions

@@ -177,31 +177,31 @@ class Watched(NamedTuple):
 def supervisors(
     watched: Sequence[Watched],
     controllers: Sequence[Controller],
-    given: Supervision,
+    wanted: Supervision,
     wiring: Wiring,
     ends: Sequence[tuple[int, int]] = (),
 ) -> tuple[Supervisors, SupervisorState]:
     """Build the supervisors of controllers, in shadow; `ends`: PMUs at both ends of each line that has two."""
     n, order, frame_rate = len(watched), list(wiring.limits), wiring.frame_rate
-    own = [controllers[one.controller] for one in watched]
-    maximum = max([len(c.devices) for c in own], default=0)
-    made, held = inputs([c.signals for c in own], wiring.signals, wiring.pmus, wiring.nominal)
+    supervised = [controllers[watch.controller] for watch in watched]
+    maximum = max([len(c.devices) for c in supervised], default=0)
+    receivers, held = inputs([c.signals for c in supervised], wiring.signals, wiring.pmus, wiring.nominal)
     settings, thresholds = np.zeros(n, SETTINGS), np.zeros((n, len(MONITORS)), THRESHOLD)
     devices, used = np.zeros((n, maximum), DEVICE), np.zeros((n, len(CHANNELS)), np.bool_)
     devices["place"] = UNSET
-    for s, one in enumerate(watched):
-        _set(settings[s], one, given, frame_rate, wiring.nominal)
-        _thresholds(thresholds[s], given, settings[s])
-        for d, name in enumerate(own[s].devices):
-            devices[s, d] = order.index(name), wiring.limits[name][0] * given.authority.fraction, one.residue[d]
-        for name in own[s].signals:
+    for s, row in enumerate(watched):
+        _set(settings[s], row, wanted, frame_rate, wiring.nominal)
+        _thresholds(thresholds[s], wanted, settings[s])
+        for d, name in enumerate(supervised[s].devices):
+            devices[s, d] = order.index(name), wiring.limits[name][0] * wanted.authority.fraction, row.residue[d]
+        for name in supervised[s].signals:
             used[s, list(CHANNELS).index(wiring.signals[name].channel)] = True
-    ticks = max([CYCLES_KEPT * int(one["cycle"]) + 1 for one in settings], default=1)
+    ticks = max([CYCLES_KEPT * int(setting["cycle"]) + 1 for setting in settings], default=1)
     ticks = max(ticks, round(2.0 * frame_rate) + 1)
     frozen = Supervisors(
         settings=settings,
         thresholds=thresholds,
-        inputs=made,
+        inputs=receivers,
         plausible=np.array([PLAUSIBLE[name] for name in CHANNELS]),
         used=used,
         ends=np.array(ends, np.int64).reshape(-1, 2),
@@ -224,7 +224,7 @@ def supervisors(
 
 
 @entry_point
-def begin(given: Inputs, state: SupervisorState, s: int) -> None:
+def begin(receivers: Inputs, state: SupervisorState, s: int) -> None:
     """Reset supervisor s to the start of a run: in shadow, without data."""
     row = state.rows[s]
     row.state, row.cause, row.refused, row.asked = SHADOW, NO_CAUSE, NO_CAUSE, 0
@@ -234,7 +234,7 @@ def begin(given: Inputs, state: SupervisorState, s: int) -> None:
     row.slow[0] = row.slow[1] = row.free = 0.0
     row.squares = row.spent = row.norm_at_start = row.latency = row.jitter = row.since = 0.0
     row.probed = 0
-    clear(given, state.held, s)
+    clear(receivers, state.held, s)
     for i in range(state.pmus.shape[1]):
         pmu = state.pmus[s, i]
         pmu.angle = pmu.angle_at_start = math.nan
@@ -252,8 +252,8 @@ def begin(given: Inputs, state: SupervisorState, s: int) -> None:
         device.added = 0j
 
 
-def _set(row: Any, watched: Watched, given: Supervision, frame_rate: int, nominal: float) -> None:
-    arming, probe = given.arming, given.probe
+def _set(row: Any, watched: Watched, supervision: Supervision, frame_rate: int, nominal: float) -> None:
+    arming, probe = supervision.arming, supervision.probe
     omega = watched.eigenvalue.imag
     row["controller"], row["reserve"], row["link"] = watched.controller, watched.reserve, watched.link
     row["frame_rate"], row["nominal"] = frame_rate, nominal
@@ -262,23 +262,23 @@ def _set(row: Any, watched: Watched, given: Supervision, frame_rate: int, nomina
     row["needs_probe"] = arming.probe
     row["ramp"], row["trip_ramp"], row["fall_back_ramp"] = arming.ramp, arming.trip_ramp, arming.fall_back_ramp
     row["recovery"] = arming.recovery
-    row["rate"] = math.inf if given.authority.rate is None else given.authority.rate
-    row["energy"] = math.inf if given.authority.energy is None else given.authority.energy / 2.0
+    row["rate"] = math.inf if supervision.authority.rate is None else supervision.authority.rate
+    row["energy"] = math.inf if supervision.authority.energy is None else supervision.authority.energy / 2.0
     row["sigma"], row["omega"] = watched.eigenvalue.real, omega
     row["cycle"] = frame_rate if omega == 0.0 else max(2, round(TURN / omega * frame_rate))
     row["amplitude"], row["apart"] = probe.amplitude, probe.apart
     row["probe_s"] = row["cycle"] * probe.cycles / frame_rate
     row["coherence"], row["gain"], row["phase"] = probe.coherence, probe.gain, math.radians(probe.phase)
     row["dead_ns"] = row["back_ns"] = NEVER
-    if (fault := given.fault) is not None:
+    if (fault := supervision.fault) is not None:
         row["dead_ns"], row["hung"] = to_ns(fault.start), fault.kind == "hung"
         if fault.duration is not None:
             row["back_ns"] = to_ns(fault.start + fault.duration)
 
 
-def _thresholds(rows: NDArray[Any], given: Supervision, settings: Any) -> None:
+def _thresholds(rows: NDArray[Any], supervision: Supervision, settings: Any) -> None:
     cycle_s = float(settings["cycle"]) / float(settings["frame_rate"])
-    for row, (name, watch) in zip(rows, watches(given).items(), strict=True):
+    for row, (name, watch) in zip(rows, watches(supervision).items(), strict=True):
         seconds = watch.lasts * (cycle_s if MONITORS[name].lasts_unit == CYCLES else 1.0)
         row["limit"], row["follows"] = watch.limit, CONSEQUENCES.get(watch.follows, OFF)
         row["lasts_ns"] = max(0, round(seconds * NANOSECONDS) - 1)  # tick times are rounded down to 1 ns

@@ -93,9 +93,9 @@ def update_filters(supervisors: Supervisors, state: SupervisorState, s: int, tic
 
     The outputs are those that act; if none acts, the controller's setpoints, limited to the authority.
     """
-    row, own, size = state.rows[s], supervisors.settings[s], state.past.shape[1]
+    row, settings, size = state.rows[s], supervisors.settings[s], state.past.shape[1]
     place, y = state.past[s, tick % size], state.held.signal[s, 0]
-    gain = 1.0 - exp(-SLOW * own.omega / own.frame_rate)
+    gain = 1.0 - exp(-SLOW * settings.omega / settings.frame_rate)
     place[0] = _slow(row.slow, gain, y if math.isfinite(y) else row.slow[0])
     place[1] = place[2] = place[3] = place[4] = 0.0
     for d in range(supervisors.devices.shape[1]):
@@ -110,8 +110,8 @@ def update_filters(supervisors: Supervisors, state: SupervisorState, s: int, tic
         if abs(u) >= limit:
             place[2] = math.copysign(1.0, u)
         place[3] += _turn(device, u, REVERSAL * limit)
-        if own.omega > 0.0:
-            phasor(own.omega, 0.0, PHASOR * own.omega, state.phasors[s, 1 + d], u, 1.0 / own.frame_rate)
+        if settings.omega > 0.0:
+            phasor(settings.omega, 0.0, PHASOR * settings.omega, state.phasors[s, 1 + d], u, 1.0 / settings.frame_rate)
 
 
 @compiled
@@ -137,7 +137,7 @@ def _turn(device: Any, u: float, minimum: float) -> float:
 @compiled
 def check_data(supervisors: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
     """Update the monitors of data."""
-    row, own, held = state.rows[s], supervisors.settings[s], state.held
+    row, settings, held = state.rows[s], supervisors.settings[s], state.held
     value = row.values
     value[MISSING] = (end_ns - max(row.arrived_ns, 0)) * 1e-9
     value[JITTER] = row.jitter
@@ -157,7 +157,7 @@ def check_data(supervisors: Supervisors, state: SupervisorState, s: int, end_ns:
         value[CLOCK] = max(value[CLOCK], pmu.early)
         for c in range(supervisors.plausible.size):
             if supervisors.used[s, c]:
-                size = held.entry[s, i, c] - (own.nominal if c == _FREQUENCY else 0.0)
+                size = held.entry[s, i, c] - (settings.nominal if c == _FREQUENCY else 0.0)
                 value[RANGE] = max(value[RANGE], abs(size) / supervisors.plausible[c])
     value[STALE] = 0.0 if oldest == UNSET else (end_ns - oldest) * 1e-9
     value[MISALIGNED] = (newest - oldest) * 1e-9
@@ -202,7 +202,7 @@ def _count(past: Float2, tick: int, window: int, side: float) -> int:
 @compiled
 def check_grid(supervisors: Supervisors, state: SupervisorState, s: int, devices: NDArray[Any]) -> None:
     """Update the monitors of the grid; those based on frames are NaN while data are unsound."""
-    value, own = state.rows[s].values, supervisors.settings[s]
+    value, settings = state.rows[s].values, supervisors.settings[s]
     value[DEVICE] = 0.0
     for d in range(supervisors.devices.shape[1]):
         place = supervisors.devices[s, d].place
@@ -215,7 +215,7 @@ def check_grid(supervisors: Supervisors, state: SupervisorState, s: int, devices
     if math.isnan(before):
         _count_turns_anew(state, s)
     value[FREQUENCY], value[ISLANDING] = _apart(supervisors, state, s)
-    if own.omega > 0.0:
+    if settings.omega > 0.0:
         value[HARM], value[GROWING] = _harm(supervisors, state, s), _growth(supervisors, state, s)
 
 
@@ -279,8 +279,8 @@ def _growth(supervisors: Supervisors, state: SupervisorState, s: int) -> float:
     - the newest range is MORE times the earlier ones as they would be by now without control: `row.free` is the
       largest of them three cycles ago.
     """
-    row, past, own, size = state.rows[s], state.past[s], supervisors.settings[s], state.past.shape[1]
-    cycle = own.cycle
+    row, past, settings, size = state.rows[s], state.past[s], supervisors.settings[s], state.past.shape[1]
+    cycle = settings.cycle
     if row.tick + 1 < CYCLES_KEPT * cycle:
         return 0.0
     least, newest, later, works = math.inf, 0.0, 0.0, True
@@ -296,8 +296,8 @@ def _growth(supervisors: Supervisors, state: SupervisorState, s: int) -> float:
             least = min(least, later / (high - low) if high > low else 0.0)
         works = works and (k == CYCLES_KEPT - 1 or (most > WORKS and slow > SWINGS))
         later = high - low
-    fades, lasts = min(own.sigma, -FORGET), (CYCLES_KEPT - 1) * cycle / own.frame_rate
-    row.free = max(row.free * exp(fades / own.frame_rate), later)
-    steady = least > exp((own.sigma - SLACK) * cycle / own.frame_rate)
+    fades, lasts = min(settings.sigma, -FORGET), (CYCLES_KEPT - 1) * cycle / settings.frame_rate
+    row.free = max(row.free * exp(fades / settings.frame_rate), later)
+    steady = least > exp((settings.sigma - SLACK) * cycle / settings.frame_rate)
     driven = steady and newest > MORE * row.free * exp(fades * lasts)
-    return float(log(newest / later) / lasts - own.sigma) if works and driven and later > 0.0 else 0.0
+    return float(log(newest / later) / lasts - settings.sigma) if works and driven and later > 0.0 else 0.0

@@ -38,26 +38,26 @@ def forward_setpoints(
 
     Returns the number of setpoints written, the number of non-finite ones, and whether the controller issued any.
     """
-    row, own, many = state.rows[s], supervisors.settings[s], issued.size
+    row, settings, many = state.rows[s], supervisors.settings[s], issued.size
     count, lapses, answered, acts = 0, 0, False, source_of(row.state)
-    a, b = _next(issued, 0, own.controller), _next(issued, 0, own.reserve)
+    a, b = _next(issued, 0, settings.controller), _next(issued, 0, settings.reserve)
     while a < many or b < many:
         of_controller = b >= many or (a < many and issued[a].issued_ns <= issued[b].issued_ns)
         i, source = (a, CONTROLLER) if of_controller else (b, RESERVE)
-        given = issued[i]
+        setpoint = issued[i]
         if of_controller:
-            answered, a = True, _next(issued, a + 1, own.controller)
+            answered, a = True, _next(issued, a + 1, settings.controller)
         else:
-            row.reserve_ns, b = given.issued_ns, _next(issued, b + 1, own.reserve)
-        d = _place(supervisors, s, given.device)
+            row.reserve_ns, b = setpoint.issued_ns, _next(issued, b + 1, settings.reserve)
+        d = _place(supervisors, s, setpoint.device)
         if d == UNSET:
             continue
-        if math.isfinite(given.value):
-            state.commanded[s, d].given[source] = given.value
+        if math.isfinite(setpoint.value):
+            state.commanded[s, d].given[source] = setpoint.value
         elif of_controller or source == acts:
             lapses += 1
         if source == acts:
-            _write(supervisors, state, s, d, tick, given.issued_ns, given.measured_ns, out[count])
+            _write(supervisors, state, s, d, tick, setpoint.issued_ns, setpoint.measured_ns, out[count])
             count += 1
     return count, lapses, answered
 
@@ -107,7 +107,7 @@ def _write(
     setpoint: Any,
 ) -> None:
     """Write a device's setpoint at a time: the acting source's, ramped, limited in size, energy and rate."""
-    row, own = state.rows[s], supervisors.settings[s]
+    row, settings = state.rows[s], supervisors.settings[s]
     device, b, limit = state.commanded[s, d], fraction(row, at_ns), supervisors.devices[s, d].limit
     v, before = min(max(device.given[source_of(row.state)], -limit), limit), device.output
     if b < 1.0:
@@ -117,35 +117,35 @@ def _write(
         _spend(supervisors, state, s, since)
         row.issued_ns = at_ns
         row.since = since
-    if row.spent >= own.energy:
-        limit *= math.sqrt(own.energy / MINUTE / _commanded(supervisors, s))
+    if row.spent >= settings.energy:
+        limit *= math.sqrt(settings.energy / MINUTE / _commanded(supervisors, s))
     v = min(max(v, -limit), limit)
-    if math.isfinite(own.rate):
-        reach = own.rate * row.since
+    if math.isfinite(settings.rate):
+        reach = settings.rate * row.since
         v = min(max(v, before - reach), before + reach)
     device.output = v
-    setpoint.tick, setpoint.controller, setpoint.device = tick, own.controller, supervisors.devices[s, d].place
+    setpoint.tick, setpoint.controller, setpoint.device = tick, settings.controller, supervisors.devices[s, d].place
     setpoint.measured_ns, setpoint.issued_ns, setpoint.effective_ns, setpoint.value = measured_ns, at_ns, at_ns, v
 
 
 @compiled
 def _spend(supervisors: Supervisors, state: SupervisorState, s: int, since: float) -> None:
     """Add the energy used in `since` seconds, and regain it at a rate of `energy` a minute."""
-    row, own = state.rows[s], supervisors.settings[s]
-    if math.isfinite(own.energy):
+    row, settings = state.rows[s], supervisors.settings[s]
+    if math.isfinite(settings.energy):
         used = 0.0
         for d in range(supervisors.devices.shape[1]):
             if supervisors.devices[s, d].place != UNSET:
                 used += (state.commanded[s, d].output / supervisors.devices[s, d].limit) ** 2
-        row.spent = max(0.0, row.spent + (used - own.energy / MINUTE) * since)
+        row.spent = max(0.0, row.spent + (used - settings.energy / MINUTE) * since)
 
 
 @compiled
 def _commanded(supervisors: Supervisors, s: int) -> int:
-    found = 0
+    count = 0
     for d in range(supervisors.devices.shape[1]):
-        found += supervisors.devices[s, d].place != UNSET
-    return found
+        count += supervisors.devices[s, d].place != UNSET
+    return count
 
 
 @compiled

@@ -27,21 +27,21 @@ PIVOT = 1e-12  # least pivot / squared norm of its column; below it the column d
 @compiled
 def tones(supervisors: Supervisors, state: SupervisorState, s: int, d: int, at_ns: int) -> float:
     """A probe's setpoint for a device at a time, p.u.; 0 if the device is not being probed."""
-    row, own = state.rows[s], supervisors.settings[s]
+    row, settings = state.rows[s], supervisors.settings[s]
     if row.probe_ns == UNSET or d != row.probed:
         return 0.0
-    t, w = (at_ns - row.probe_ns) * 1e-9, own.omega
-    both = sin(w * (1.0 - own.apart) * t) + sin(w * (1.0 + own.apart) * t)
-    return own.amplitude * supervisors.devices[s, d].limit * both  # type: ignore[no-any-return]
+    t, w = (at_ns - row.probe_ns) * 1e-9, settings.omega
+    both = sin(w * (1.0 - settings.apart) * t) + sin(w * (1.0 + settings.apart) * t)
+    return settings.amplitude * supervisors.devices[s, d].limit * both  # type: ignore[no-any-return]
 
 
 @compiled
 def write_regressors(supervisors: Supervisors, state: SupervisorState, s: int, tick: int, u: float) -> None:
     """Advance the modal state z to the next tick's start, with setpoint `u` constant over this tick."""
-    row, own = state.rows[s], supervisors.settings[s]
+    row, settings = state.rows[s], supervisors.settings[s]
     size = state.expected.shape[1]
-    eigenvalue = complex(own.sigma, own.omega)
-    step = exp_complex(eigenvalue / own.frame_rate)
+    eigenvalue = complex(settings.sigma, settings.omega)
+    step = exp_complex(eigenvalue / settings.frame_rate)
     before = state.expected[s, tick % size]
     held = supervisors.devices[s, row.probed].residue * (step - 1.0) / eigenvalue
     state.expected[s, (tick + 1) % size] = step * before + held * u
@@ -50,18 +50,18 @@ def write_regressors(supervisors: Supervisors, state: SupervisorState, s: int, t
 @compiled
 def update_fit(supervisors: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
     """Add the newest signal to the fit if it was measured during the probe and is recent enough."""
-    row, own, measured = state.rows[s], supervisors.settings[s], state.held.newest_ns[s]
-    at = (measured * own.frame_rate + NANOSECONDS // 2) // NANOSECONDS
+    row, settings, measured = state.rows[s], supervisors.settings[s], state.held.newest_ns[s]
+    at = (measured * settings.frame_rate + NANOSECONDS // 2) // NANOSECONDS
     size = state.expected.shape[1]
     if measured < row.probe_ns or at > tick or tick - at >= size - 1:
         return
     z, t = state.expected[s, at % size], (measured - row.probe_ns) * 1e-9
-    fading = exp(own.sigma * t)
+    fading = exp(settings.sigma * t)
     sums = state.sums[s, 0]
     v = sums[UNKNOWNS]  # work space
     v[0], v[1] = 2.0 * z.real, -2.0 * z.imag
-    v[2], v[3] = fading * cos(own.omega * t), fading * sin(own.omega * t)
-    v[4], v[5], v[6] = 1.0, t / own.probe_s, state.held.signal[s, 0]
+    v[2], v[3] = fading * cos(settings.omega * t), fading * sin(settings.omega * t)
+    v[4], v[5], v[6] = 1.0, t / settings.probe_s, state.held.signal[s, 0]
     for i in range(UNKNOWNS):
         for j in range(i, UNKNOWNS + 1):
             sums[i, j] += v[i] * v[j]
@@ -101,13 +101,13 @@ def fit(sums: Float2, squares: float, work: Float2, first: int) -> float:
 def store_result(supervisors: Supervisors, state: SupervisorState, s: int) -> None:
     """Store the result of a device's probe, and reset the fit for the next device."""
     row, d = state.rows[s], state.rows[s].probed
-    sums, work, found = state.sums[s, 0], state.sums[s, 1], state.commanded[s, d]
+    sums, work, probed = state.sums[s, 0], state.sums[s, 1], state.commanded[s, d]
     without = fit(sums, row.squares, work, 2)
     left = fit(sums, row.squares, work, 0)
     g = complex(work[0, UNKNOWNS], work[1, UNKNOWNS])
-    found.gain, found.phase = magnitude(g), phase(g)
-    found.coherence = max(0.0, 1.0 - left / without) if without > 0.0 else 0.0
-    found.added = supervisors.devices[s, d].residue * g * gain_of(supervisors, state, s, d)
+    probed.gain, probed.phase = magnitude(g), phase(g)
+    probed.coherence = max(0.0, 1.0 - left / without) if without > 0.0 else 0.0
+    probed.added = supervisors.devices[s, d].residue * g * gain_of(supervisors, state, s, d)
     reset_fit(state, s)
     row.probed += 1
 

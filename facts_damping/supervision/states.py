@@ -14,18 +14,18 @@ from facts_damping.supervision.model import Supervisors, SupervisorState
 @compiled
 def handle_commands(supervisors: Supervisors, state: SupervisorState, s: int, start_ns: int) -> None:
     """Execute commands of the schedule and the operator."""
-    row, own = state.rows[s], supervisors.settings[s]
-    if row.start_ns < own.probe_ns <= start_ns:
+    row, settings = state.rows[s], supervisors.settings[s]
+    if row.start_ns < settings.probe_ns <= start_ns:
         begin_probe(supervisors, state, s, start_ns)
-    if row.start_ns < own.arm_ns <= start_ns:
+    if row.start_ns < settings.arm_ns <= start_ns:
         arm(supervisors, state, s, start_ns, codes.BY_SCHEDULE)
     asked, row.asked = row.asked, 0
     if asked == codes.ARM:
         arm(supervisors, state, s, start_ns, codes.BY_OPERATOR)
     elif asked == codes.DISARM:
-        change(state, s, codes.DISARMED, codes.BY_OPERATOR, start_ns, own.trip_ramp)
+        change(state, s, codes.DISARMED, codes.BY_OPERATOR, start_ns, settings.trip_ramp)
     elif asked == codes.RESET and (row.state in (codes.DISARMED, codes.TRIPPED)):
-        change(state, s, codes.SHADOW, codes.BY_OPERATOR, start_ns, own.trip_ramp)
+        change(state, s, codes.SHADOW, codes.BY_OPERATOR, start_ns, settings.trip_ramp)
     elif asked == codes.PROBE:
         begin_probe(supervisors, state, s, start_ns)
 
@@ -71,7 +71,7 @@ def _due(supervisors: Supervisors, state: SupervisorState, s: int, m: int) -> bo
 @entry_point
 def refusal(supervisors: Supervisors, state: SupervisorState, s: int) -> int:
     """Code of the monitor or other cause that forbids arming now; NO_CAUSE if arming is allowed."""
-    row, own = state.rows[s], supervisors.settings[s]
+    row, settings = state.rows[s], supervisors.settings[s]
     if row.state != codes.SHADOW or row.probe_ns != UNSET:
         return codes.NOT_IN_SHADOW if row.state != codes.SHADOW else codes.NOT_PROBED
     for m in range(row.values.size):
@@ -80,20 +80,20 @@ def refusal(supervisors: Supervisors, state: SupervisorState, s: int) -> int:
             return m
     added, probed = 0.0, False
     for d in range(supervisors.devices.shape[1]):
-        found = state.commanded[s, d]
+        probe_result = state.commanded[s, d]
         if supervisors.devices[s, d].place == UNSET:
             continue
-        if math.isnan(found.gain):
-            if own.needs_probe:
+        if math.isnan(probe_result.gain):
+            if settings.needs_probe:
                 return codes.NOT_PROBED
             continue
-        if not found.coherence >= own.coherence:
+        if not probe_result.coherence >= settings.coherence:
             return codes.PROBE_WEAK
-        if abs(found.phase) > own.phase:
+        if abs(probe_result.phase) > settings.phase:
             return codes.PROBE_PHASE
-        if not 1.0 / own.gain <= found.gain <= own.gain:
+        if not 1.0 / settings.gain <= probe_result.gain <= settings.gain:
             return codes.PROBE_GAIN
-        added, probed = added + found.added.real, True
+        added, probed = added + probe_result.added.real, True
     return codes.PROBE_HARM if probed and added > 0.0 else codes.NO_CAUSE
 
 
@@ -109,7 +109,7 @@ def arm(supervisors: Supervisors, state: SupervisorState, s: int, at_ns: int, by
 @compiled
 def judge(supervisors: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
     """Compare the monitors with their limits, and fall back, trip or recover."""
-    row, own, worst, cause = state.rows[s], supervisors.settings[s], codes.OFF, codes.NO_CAUSE
+    row, settings, worst, cause = state.rows[s], supervisors.settings[s], codes.OFF, codes.NO_CAUSE
     for m in range(row.values.size):
         watched = supervisors.thresholds[s, m]
         if watched.follows == codes.OFF or not row.values[m] > watched.limit:
@@ -124,10 +124,10 @@ def judge(supervisors: Supervisors, state: SupervisorState, s: int, end_ns: int)
     waits = supervisors.thresholds[s, monitors.LOCAL].limit
     recent = row.reserve_ns != UNSET and (end_ns - row.reserve_ns) * 1e-9 <= waits  # setpoint of a fallback
     if row.state == codes.ARMED and worst == codes.FALL_BACK and recent:
-        change(state, s, codes.FALLBACK, cause, end_ns, own.fall_back_ramp)
+        change(state, s, codes.FALLBACK, cause, end_ns, settings.fall_back_ramp)
     elif (row.state == codes.ARMED and worst >= codes.FALL_BACK) or (
         row.state == codes.FALLBACK and worst == codes.TRIP
     ):
-        change(state, s, codes.TRIPPED, cause, end_ns, own.trip_ramp)
-    elif row.state == codes.FALLBACK and (end_ns - max(row.sound_ns, row.begun_ns)) * 1e-9 >= own.recovery:
-        change(state, s, codes.ARMED, row.cause, end_ns, own.fall_back_ramp)
+        change(state, s, codes.TRIPPED, cause, end_ns, settings.trip_ramp)
+    elif row.state == codes.FALLBACK and (end_ns - max(row.sound_ns, row.begun_ns)) * 1e-9 >= settings.recovery:
+        change(state, s, codes.ARMED, row.cause, end_ns, settings.fall_back_ramp)

@@ -41,10 +41,10 @@ def supervise(
     supervisor writes nothing. A supervisor ignores scheduled commands from before it started or restarted.
     """
     tick, start_ns, end_ns = span
-    row, own = state.rows[s], supervisors.settings[s]
-    if own.dead_ns <= start_ns < own.back_ns:
+    row, settings = state.rows[s], supervisors.settings[s]
+    if settings.dead_ns <= start_ns < settings.back_ns:
         return 0
-    if own.hung == 0 and row.start_ns < own.dead_ns and start_ns >= own.back_ns:
+    if settings.hung == 0 and row.start_ns < settings.dead_ns and start_ns >= settings.back_ns:
         begin(supervisors.inputs, state, s)
     if row.tick < 0 and tick > 0:
         row.start_ns = start_ns  # it started later than the run
@@ -107,10 +107,10 @@ def write_status(
 ) -> bool:
     """Write a supervisor's status after a tick to `out[at]`; returns False if it has failed."""
     report = out[at]
-    row, own = state.rows[s], supervisors.settings[s]
+    row, settings = state.rows[s], supervisors.settings[s]
     if row.tick != tick:
         return False
-    report.tick, report.controller, report.state = row.tick, own.controller, row.state
+    report.tick, report.controller, report.state = row.tick, settings.controller, row.state
     report.cause, report.refused, report.fraction = row.cause, row.refused, fraction(row, row.now_ns)
     for m in range(row.values.size):
         report.values[m] = row.values[m]
@@ -118,18 +118,18 @@ def write_status(
     report.added_damping = report.phase_margin = report.gain_margin = math.nan
     added, worst = 0j, -1.0
     for d in range(supervisors.devices.shape[1]):
-        found = state.commanded[s, d]
-        if supervisors.devices[s, d].place == UNSET or math.isnan(found.gain):
+        probed = state.commanded[s, d]
+        if supervisors.devices[s, d].place == UNSET or math.isnan(probed.gain):
             continue
-        apart = abs(log(max(found.gain, 1e-9))) + abs(found.phase)
-        added += found.added
+        apart = abs(log(max(probed.gain, 1e-9))) + abs(probed.phase)
+        added += probed.added
         if apart > worst:
             worst = apart
-            report.probe_gain, report.probe_phase, report.probe_coherence = found.gain, found.phase, found.coherence
+            report.probe_gain, report.probe_phase, report.probe_coherence = probed.gain, probed.phase, probed.coherence
     if worst >= 0.0:
         report.added_damping = -added.real
         report.phase_margin = math.pi / 2.0 - abs(phase(-added)) if magnitude(added) > 0.0 else math.nan
-        report.gain_margin = -own.sigma / added.real if added.real * own.sigma < 0.0 else math.nan
+        report.gain_margin = -settings.sigma / added.real if added.real * settings.sigma < 0.0 else math.nan
     return True
 
 

@@ -74,21 +74,21 @@ def rung(step: float, reference: ArrayLike, runs: Sequence[dict[str, Any]]) -> R
 def at_equal_error(rungs: Sequence[Rung], error: float = EQUAL_ERROR) -> Equal | None:
     """What an error costs; None where no step reaches it. Nothing is extrapolated."""
     before: Rung | None = None
-    for one in rungs:
-        if one.error <= error:
-            took = one.wall_s
+    for step_rung in rungs:
+        if step_rung.error <= error:
+            took = step_rung.wall_s
             if before is not None:
-                fraction = math.log(before.error / error) / math.log(before.error / one.error)
-                took = before.wall_s * (one.wall_s / before.wall_s) ** fraction
-            return Equal(one.step_s, one.error, one.wall_s, took)
-        before = one
+                fraction = math.log(before.error / error) / math.log(before.error / step_rung.error)
+                took = before.wall_s * (step_rung.wall_s / before.wall_s) ** fraction
+            return Equal(step_rung.step_s, step_rung.error, step_rung.wall_s, took)
+        before = step_rung
     return None
 
 
 def sweep_step(rungs: Sequence[Rung]) -> float:
     """Step of a sweep: the coarsest within the error, or the finest."""
-    found = at_equal_error(rungs)
-    return rungs[-1].step_s if found is None else found.step_s
+    equal = at_equal_error(rungs)
+    return rungs[-1].step_s if equal is None else equal.step_s
 
 
 def ratio(value: float | None, ours: float | None) -> float:

@@ -139,5 +139,5 @@ def swings(timed_run: TimedRun, end: float = DURATION) -> NDArray[np.float64]:
     """Speeds less their mean at the instants, p.u. (machines, instants); between a program's own by a spline."""
     free = timed_run.time_s > FAULT_END + 1e-4
     free &= np.diff(timed_run.time_s, prepend=-1.0) > 1e-9  # some programs say an instant twice
-    found = CubicSpline(timed_run.time_s[free], timed_run.speeds[free])(instants(end)).T
-    return np.asarray(found - found.mean(axis=0))
+    speeds = CubicSpline(timed_run.time_s[free], timed_run.speeds[free])(instants(end)).T
+    return np.asarray(speeds - speeds.mean(axis=0))

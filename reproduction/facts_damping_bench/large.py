@@ -30,7 +30,7 @@ def check() -> None:
 
 def files() -> tuple[Path, Path]:
     """RAW and DYR; ANDES is found, but not loaded."""
-    found = find_spec("andes")
-    assert found is not None  # noqa: S101 (`check`)
-    cases = Path(str(found.origin)).parent / "cases" / "npcc"
+    spec = find_spec("andes")
+    assert spec is not None  # noqa: S101 (`check`)
+    cases = Path(str(spec.origin)).parent / "cases" / "npcc"
     return cases / "npcc.raw", cases / "npcc_full.dyr"

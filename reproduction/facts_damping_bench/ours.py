@@ -44,6 +44,6 @@ def timed(make: Callable[[], Case]) -> TimedRun:
     ready = time.perf_counter()
     loop.run_loop(parts)
     ended = time.perf_counter()
-    ticks, kept = int(parts.signals.used[AT.ticks]), parts.signals
-    time_s = np.asarray(kept.time_ns[:ticks] * 1e-9, np.float64)
-    return TimedRun(ready - began, ended - ready, time_s, kept.machines["speed_deviation"][:ticks])
+    ticks, signals = int(parts.signals.used[AT.ticks]), parts.signals
+    time_s = np.asarray(signals.time_ns[:ticks] * 1e-9, np.float64)
+    return TimedRun(ready - began, ended - ready, time_s, signals.machines["speed_deviation"][:ticks])

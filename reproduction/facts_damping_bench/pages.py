@@ -40,9 +40,9 @@ def case(shown: Shown) -> str:
 def ladder(results: Iterable[Result]) -> list[str]:
     """Every program at every step."""
     rows = [
-        [one.title, f"{1e3 * x.step_s:g}", f"{x.error:.1e}", _s(x.wall_s), _times(grid.DURATION / x.wall_s)]
-        for one in results
-        for x in one.rungs
+        [result.title, f"{1e3 * x.step_s:g}", f"{x.error:.1e}", _s(x.wall_s), _times(grid.DURATION / x.wall_s)]
+        for result in results
+        for x in result.rungs
     ]
     return table(["program", "step ms", "error", "run s", "times real time"], rows)
 
@@ -51,17 +51,17 @@ def summary(results: Sequence[Result]) -> list[str]:
     """A row a program: at equal error, in a sweep, and what differs from ours."""
     titles = ["program", "version", f"s at {EQUAL_ERROR:g}", "times ours", "with step ms", "set-up s"]
     titles += ["sweep runs/s", "ours over it", "from ours"]
-    return table(titles, [_row(one, results[0]) for one in results], left=2)
+    return table(titles, [_row(result, results[0]) for result in results], left=2)
 
 
 def _row(result: Result, ours: Result) -> list[str]:
     if result.failed and not result.rungs:
         return [result.title, result.version or NOTHING, *[NOTHING] * 7]
-    found, beside = at_equal_error(result.rungs), at_equal_error(ours.rungs)
+    equal, beside = at_equal_error(result.rungs), at_equal_error(ours.rungs)
     cells = [NOTHING] * 3
-    if found is not None:
-        times = ratio(found.at_error_s, None if beside is None else beside.at_error_s)
-        cells = [_s(found.at_error_s), _times(times), f"{1e3 * found.step_s:g}"]
+    if equal is not None:
+        times = ratio(equal.at_error_s, None if beside is None else beside.at_error_s)
+        cells = [_s(equal.at_error_s), _times(times), f"{1e3 * equal.step_s:g}"]
     cells.append(_s(result.rungs[0].setup_s))
     if result.sweep is None or ours.sweep is None:
         cells += [NOTHING, NOTHING]
@@ -83,15 +83,15 @@ def _times(value: float) -> str:
 def exchange(rates: Sequence[Rate]) -> list[str]:
     """Ticks a second of ours beside another."""
     rows = [
-        [one.title, NOTHING if one.failed else f"{one.per_s:.0f}", _times(ratio(one.per_s, rates[0].per_s))]
-        for one in rates
+        [rate.title, NOTHING if rate.failed else f"{rate.per_s:.0f}", _times(ratio(rate.per_s, rates[0].per_s))]
+        for rate in rates
     ]
     return table(["in step", "ticks/s", "ratio"], rows)
 
 
 def notes(results: Iterable[Result]) -> list[str]:
     """What each is, and why one is missing."""
-    return [f"{one.title}: {one.failed or one.note}" for one in results]
+    return [f"{result.title}: {result.failed or result.note}" for result in results]
 
 
 def text(results: Sequence[Result], rates: Sequence[Rate], shown: Shown = SHOWN) -> list[str]:
@@ -100,20 +100,20 @@ def text(results: Sequence[Result], rates: Sequence[Rate], shown: Shown = SHOWN)
     if results:
         lines += [case(shown), "", *ladder(results), "", *summary(results), "", *notes(results)]
     if rates:
-        lines += ["", *exchange(rates), "", *(f"{one.title}: {one.failed or one.note}" for one in rates)]
+        lines += ["", *exchange(rates), "", *(f"{rate.title}: {rate.failed or rate.note}" for rate in rates)]
     return lines
 
 
 def document(results: Sequence[Result], rates: Sequence[Rate]) -> dict[str, Any]:
     """The same as JSON (docs/results_json.md)."""
-    return {"equal_error": EQUAL_ERROR, "programs": [_document(one, results[0]) for one in results]} | {
-        "lockstep": [{**one._asdict(), "failed": one.failed or None} for one in rates]
+    return {"equal_error": EQUAL_ERROR, "programs": [_document(result, results[0]) for result in results]} | {
+        "lockstep": [{**rate._asdict(), "failed": rate.failed or None} for rate in rates]
     }
 
 
 def _document(result: Result, ours: Result) -> dict[str, Any]:
-    found, beside = at_equal_error(result.rungs), at_equal_error(ours.rungs)
-    costs = None if found is None else found.at_error_s
+    equal, beside = at_equal_error(result.rungs), at_equal_error(ours.rungs)
+    costs = None if equal is None else equal.at_error_s
     return {
         "name": result.name,
         "version": result.version or None,
@@ -122,7 +122,7 @@ def _document(result: Result, ours: Result) -> dict[str, Any]:
         "steps": [x._asdict() for x in result.rungs],
         "reference_step_s": result.reference_step_s,
         "from_ours": result.from_ours,
-        "at_equal_error": None if found is None else found._asdict(),
+        "at_equal_error": None if equal is None else equal._asdict(),
         "ratio": ratio(costs, None if beside is None else beside.at_error_s),
         "sweep": None if result.sweep is None else {**result.sweep._asdict(), "runs_per_s": 1.0 / result.sweep.run_s},
     }
@@ -132,12 +132,12 @@ def plot(results: Iterable[Result], path: Path, of: Shown = SHOWN) -> Path:
     """Error over the time of a run, log-log, a line a program, a marker a step, as PNG."""
     figure = Figure(figsize=(4.5, 4.2), layout="constrained")  # read at 400 px
     axes = figure.add_subplot()
-    shown = [one for one in results if one.rungs]
-    steps = sorted({x.step_s for one in shown for x in one.rungs}, reverse=True)
+    shown = [result for result in results if result.rungs]
+    steps = sorted({x.step_s for result in shown for x in result.rungs}, reverse=True)
     marks = dict(zip(steps, MARKS * len(steps), strict=False))
-    for one in shown:
-        (line,) = axes.loglog([x.wall_s for x in one.rungs], [x.error for x in one.rungs], label=one.title)
-        for x in one.rungs:
+    for result in shown:
+        (line,) = axes.loglog([x.wall_s for x in result.rungs], [x.error for x in result.rungs], label=result.title)
+        for x in result.rungs:
             axes.plot(x.wall_s, x.error, marks[x.step_s], color=line.get_color(), ms=6)
     axes.axhline(EQUAL_ERROR, color="black", lw=0.8, ls="--")
     axes.set(xlabel=f"time of {grid.DURATION:g} s of {of.name} on one core [s]", ylabel="error over largest swing")

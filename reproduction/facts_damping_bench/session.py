@@ -41,12 +41,12 @@ class Session(NamedTuple):
         line = self.process.stdout.readline()
         if not line:
             code = self.process.wait()
-            said = [one for one in self.log.read_text(errors="replace").splitlines() if one.strip()]
+            said = [log_line for log_line in self.log.read_text(errors="replace").splitlines() if log_line.strip()]
             raise RunError(f"its process ended with {code}: {said[-1].strip() if said else 'it said nothing'}")
-        found: dict[str, Any] = json.loads(line)
-        if "error" in found:
-            raise RunError(found["error"])
-        return found
+        answer: dict[str, Any] = json.loads(line)
+        if "error" in answer:
+            raise RunError(answer["error"])
+        return answer
 
     def ask(self, step: float, load: float = 1.0, **more: Any) -> dict[str, Any]:
         """One run with a step (s), the load at B7 scaled."""
@@ -64,10 +64,10 @@ def session(module: str) -> Iterator[Session]:
     """A program that gets ready: its first answer says when it is. It is ended with the block."""
     with TemporaryDirectory(prefix="bench-") as folder:
         log = Path(folder) / "log"
-        told = [sys.executable, "-m", WORKER, module, folder, str(os.getpid())]
+        command = [sys.executable, "-m", WORKER, module, folder, str(os.getpid())]
         with log.open("w") as stream:
             process = subprocess.Popen(
-                told,
+                command,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=stream,

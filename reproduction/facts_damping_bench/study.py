@@ -36,10 +36,10 @@ class Field(NamedTuple):
 
 def each(field: Field, act: Callable[[str, Session, Program], T]) -> dict[str, T]:
     """Do something with every program that still runs; one that fails is left out from then on, but not ours."""
-    found = {}
-    for name, one in list(field.sessions.items()):
+    answers = {}
+    for name, program in list(field.sessions.items()):
         try:
-            found[name] = act(name, one, field.table[name])
+            answers[name] = act(name, program, field.table[name])
             field.left[name] -= 1
         except RunError as error:
             if name == OURS:
@@ -48,7 +48,7 @@ def each(field: Field, act: Callable[[str, Session, Program], T]) -> dict[str, T
             del field.sessions[name]
             field.left[name] = 0
         field.tell()
-    return found
+    return answers
 
 
 def note(field: Field, name: str, **results: Any) -> None:
@@ -89,21 +89,21 @@ def measure(
 
 def _measure(field: Field, repeats: int, rungs: int) -> None:
     """From programs that are starting to their ladders."""
-    each(field, lambda _name, one, _row: one.read())
-    each(field, lambda _name, one, row: one.ask(row.steps[0]))  # warm: not counted
-    fine = each(field, lambda _name, one, row: one.ask(row.steps[-1] / FINER)["swings"])
+    each(field, lambda _name, program, _row: program.read())
+    each(field, lambda _name, program, row: program.ask(row.steps[0]))  # warm: not counted
+    fine = each(field, lambda _name, program, row: program.ask(row.steps[-1] / FINER)["swings"])
     _compare(field, fine)
     runs: dict[tuple[str, float], list[dict[str, Any]]] = {}
     for _ in range(repeats):
         for i in range(rungs):
-            made = each(field, lambda _name, one, row, i=i: one.ask(row.steps[i]) if i < len(row.steps) else None)  # type: ignore[misc]
-            for name, run in made.items():
+            answers = each(field, lambda _name, p, row, i=i: p.ask(row.steps[i]) if i < len(row.steps) else None)  # type: ignore[misc]
+            for name, run in answers.items():
                 if run is not None:
                     runs.setdefault((name, field.table[name].steps[i]), []).append(run)
     for name in list(field.sessions):
         steps = field.table[name].steps
-        found = tuple(rung(step, fine[name], runs[name, step]) for step in steps)
-        note(field, name, rungs=found, reference_step_s=steps[-1] / FINER)
+        ladder = tuple(rung(step, fine[name], runs[name, step]) for step in steps)
+        note(field, name, rungs=ladder, reference_step_s=steps[-1] / FINER)
 
 
 def _compare(field: Field, fine: Mapping[str, Any]) -> None:
@@ -120,15 +120,15 @@ def _sweep(field: Field) -> None:
     """Runs of varied load, in as many turns for each; of ours several a turn."""
     took: dict[str, list[float]] = {}
 
-    def some(name: str, session: Session, _row: Program, turn: int) -> None:
+    def some(name: str, program: Session, _row: Program, turn: int) -> None:
         many = VARIED.get(name, OTHERS) // OTHERS
         step = sweep_step(field.results[name].rungs)
         for i in range(many):
             fraction = (turn * many + i + 0.5) / (many * OTHERS)
-            took.setdefault(name, []).append(session.ask(step, 1.0 + SPREAD * (fraction - 0.5))["total_s"])
+            took.setdefault(name, []).append(program.ask(step, 1.0 + SPREAD * (fraction - 0.5))["total_s"])
 
     for turn in range(OTHERS):
-        each(field, lambda name, one, row, turn=turn: some(name, one, row, turn))  # type: ignore[misc]
+        each(field, lambda name, program, row, turn=turn: some(name, program, row, turn))  # type: ignore[misc]
     for name in field.sessions:
-        found = Sweep(sweep_step(field.results[name].rungs), len(took[name]), median(took[name]))
-        note(field, name, sweep=found)
+        figures = Sweep(sweep_step(field.results[name].rungs), len(took[name]), median(took[name]))
+        note(field, name, sweep=figures)

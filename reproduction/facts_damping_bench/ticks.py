@@ -59,9 +59,17 @@ def theirs() -> float:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    told = [sys.executable, "-m", "facts_damping_bench.with_helics", "plant", str(port), str(STEPS), str(os.getpid())]
+    command = [
+        sys.executable,
+        "-m",
+        "facts_damping_bench.with_helics",
+        "plant",
+        str(port),
+        str(STEPS),
+        str(os.getpid()),
+    ]
     try:
-        done = subprocess.run(told, capture_output=True, text=True, check=False, timeout=LONGEST_S)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LONGEST_S)
     except subprocess.TimeoutExpired as error:
         raise RunError(f"nothing after {LONGEST_S:g} s") from error
     if done.returncode:
@@ -83,14 +91,14 @@ def measure(progress: Callable[[int, int], None]) -> list[Rate]:
     failed = {title: why for title, why in lacking.items() if why}
     for turn in range(TURNS):
         progress(2 * turn, 2 * TURNS)
-        for title, (one, found) in rows.items():
+        for title, (exchanged, turn_rates) in rows.items():
             if title not in failed:
                 try:
-                    found.append(one())
+                    turn_rates.append(exchanged())
                 except FactsDampingError as error:
                     failed[title] = one_line(error)
     progress(2 * TURNS, 2 * TURNS)
     return [
-        Rate(title, float("nan") if title in failed else median(found), NOTES[title], failed.get(title, ""))
-        for title, (_, found) in rows.items()
+        Rate(title, float("nan") if title in failed else median(rates), NOTES[title], failed.get(title, ""))
+        for title, (_, rates) in rows.items()
     ]

@@ -82,5 +82,5 @@ def simulated(ss: Any, step: float, began: float, order: Sequence[int] | None = 
     ended = time.perf_counter()
     ss.dae.ts.unpack()
     speeds = np.concatenate([np.array(model.omega.a, int) for model in (ss.GENROU, ss.GENCLS)])
-    found = np.array(ss.dae.ts.x)[:, speeds if order is None else speeds[order]] - 1.0
-    return TimedRun(ready - began, ended - ready, np.array(ss.dae.ts.t), found)
+    speed_deviation = np.array(ss.dae.ts.x)[:, speeds if order is None else speeds[order]] - 1.0
+    return TimedRun(ready - began, ended - ready, np.array(ss.dae.ts.t), speed_deviation)

@@ -54,15 +54,15 @@ def _network(grid: Grid, nodes: dict[str, Any]) -> list[Any]:
 
 
 def _machine(grid: Grid, m: Any, nodes: dict[str, Any]) -> Any:
-    made, power = dpsimpy.sp.ph1.SynchronGenerator6bOrderVBR(m.name, dpsimpy.LogLevel.off), grid.power[m.name]
-    made.set_operational_parameters_per_unit(
+    generator, power = dpsimpy.sp.ph1.SynchronGenerator6bOrderVBR(m.name, dpsimpy.LogLevel.off), grid.power[m.name]
+    generator.set_operational_parameters_per_unit(
         *(m.rating * 1e6, grid.nominal[m.bus] * 1e3, grid.frequency, m.H, m.Xd, m.Xq, m.Xl, m.Xd1, m.Xq1),
         *(m.Td01, m.Tq01, m.Xd2, m.Xq2, m.Td02, m.Tq02),
     )
     volts = grid.voltage[m.bus] * grid.nominal[m.bus] * 1e3
-    made.set_initial_values(power * grid.base * 1e6, power.real * grid.base * 1e6, volts)
-    made.connect([nodes[m.bus]])
-    return made
+    generator.set_initial_values(power * grid.base * 1e6, power.real * grid.base * 1e6, volts)
+    generator.connect([nodes[m.bus]])
+    return generator
 
 
 def run(prepared: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001
@@ -92,11 +92,11 @@ def run(prepared: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001
     sim.add_event(dpsimpy.event.SwitchEvent(FAULT_END - step / 2, fault, False))
     sim.start()
     speeds = [m.attr("w_r") for m in machines]
-    every, kept = round(1.0 / (RATE * step)), [[0.0] * len(machines)]
+    every, deviations = round(1.0 / (RATE * step)), [[0.0] * len(machines)]
     ready = time.perf_counter()
     for _ in range(round(DURATION * RATE)):
         for _ in range(every):
             sim.next()
-        kept.append([speed.get() - 1.0 for speed in speeds])
+        deviations.append([speed.get() - 1.0 for speed in speeds])
     ended = time.perf_counter()
-    return TimedRun(ready - began, ended - ready, np.arange(len(kept)) / RATE, np.array(kept))
+    return TimedRun(ready - began, ended - ready, np.arange(len(deviations)) / RATE, np.array(deviations))

@@ -28,30 +28,30 @@ def federate(role: str, port: int) -> tuple[object, list[object], list[object]]:
     h.helicsFederateInfoSetCoreTypeFromString(info, "zmq")
     h.helicsFederateInfoSetCoreInitString(info, f"--federates=1 --broker_address=tcp://127.0.0.1:{port}")
     h.helicsFederateInfoSetTimeProperty(info, h.HELICS_PROPERTY_TIME_PERIOD, PERIOD)
-    made = h.helicsCreateValueFederate(role, info)
+    created = h.helicsCreateValueFederate(role, info)
     doubles = h.HELICS_DATA_TYPE_DOUBLE
-    out = [h.helicsFederateRegisterGlobalPublication(made, f"{role}{i}", doubles, "") for i in (0, 1)]
-    latest = [h.helicsFederateRegisterSubscription(made, f"{other}{i}", "") for i in (0, 1)]
-    return made, out, latest
+    out = [h.helicsFederateRegisterGlobalPublication(created, f"{role}{i}", doubles, "") for i in (0, 1)]
+    latest = [h.helicsFederateRegisterSubscription(created, f"{other}{i}", "") for i in (0, 1)]
+    return created, out, latest
 
 
 def exchange(role: str, port: int, steps: int) -> float:
     """Steps a second."""
-    made, out, latest = federate(role, port)
-    h.helicsFederateEnterExecutingMode(made)
+    own_federate, out, latest = federate(role, port)
+    h.helicsFederateEnterExecutingMode(own_federate)
     began, total = 0.0, 0.0
     for k in range(FIRST + steps):
         if k == FIRST:
             began = time.perf_counter()
-        for one in out:
-            h.helicsPublicationPublishDouble(one, float(k))
-        h.helicsFederateRequestTime(made, (k + 1) * PERIOD)
-        total += sum(h.helicsInputGetDouble(one) for one in latest)
+        for publication in out:
+            h.helicsPublicationPublishDouble(publication, float(k))
+        h.helicsFederateRequestTime(own_federate, (k + 1) * PERIOD)
+        total += sum(h.helicsInputGetDouble(subscription) for subscription in latest)
     took = time.perf_counter() - began
     if total <= 0.0:
         raise RuntimeError("nothing was heard")
-    h.helicsFederateDisconnect(made)
-    h.helicsFederateFree(made)
+    h.helicsFederateDisconnect(own_federate)
+    h.helicsFederateFree(own_federate)
     return steps / took
 
 
@@ -65,8 +65,8 @@ def main() -> None:
     out = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
     broker = h.helicsCreateBroker("zmq", "", f"--federates=2 --localport={port}")
-    told = [sys.executable, "-m", "facts_damping_bench.with_helics", CONTROLLER, str(port), str(steps)]
-    other = subprocess.Popen([*told, str(os.getpid())])
+    command = [sys.executable, "-m", "facts_damping_bench.with_helics", CONTROLLER, str(port), str(steps)]
+    other = subprocess.Popen([*command, str(os.getpid())])
     try:
         rate = exchange(role, port, steps)
         other.wait(timeout=30)

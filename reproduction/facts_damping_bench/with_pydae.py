@@ -46,14 +46,14 @@ def _data(grid: Grid) -> dict[str, Any]:
 
 def _swap(problem: dict[str, Any], grid: Grid) -> None:
     """What is given at the start and what is sought: V and P for the field voltage and the mechanical power."""
-    slots = [str(one) for one in problem["y_ini_list"]]
+    slots = [str(symbol) for symbol in problem["y_ini_list"]]
     for m in grid.machines:
-        given = {f"V_{m.bus}": (m.V, f"v_f_{m.name}")}
+        known = {f"V_{m.bus}": (m.V, f"v_f_{m.name}")}
         if m.slack:
-            given["omega_coi"] = (1.0, f"p_m_{m.name}")
+            known["omega_coi"] = (1.0, f"p_m_{m.name}")
         else:
-            given[f"p_g_{m.name}"] = ((m.P or 0.0) / m.rating, f"p_m_{m.name}")
-        for name, (value, sought) in given.items():
+            known[f"p_g_{m.name}"] = ((m.P or 0.0) / m.rating, f"p_m_{m.name}")
+        for name, (value, sought) in known.items():
             slots[slots.index(name)] = sought
             problem["u_ini_dict"].pop(sought)
             problem["u_ini_dict"][name] = value
@@ -62,11 +62,11 @@ def _swap(problem: dict[str, Any], grid: Grid) -> None:
 
 def prepare(grid: Grid, folder: Path) -> Any:  # noqa: ARG001 (it writes into the process's own)
     """Its equations as C, compiled with gcc."""
-    made = BpsBuilder(_data(grid))
-    made.uz_jacs = False
-    made.construct("bench")
-    _swap(made.sys_dict, grid)
-    Builder(made.sys_dict, target="ctypes", sparse=False).build()
+    builder = BpsBuilder(_data(grid))
+    builder.uz_jacs = False
+    builder.construct("bench")
+    _swap(builder.sys_dict, grid)
+    Builder(builder.sys_dict, target="ctypes", sparse=False).build()
     return Model("bench")
 
 
@@ -86,18 +86,18 @@ def _switch(model: Any, before: float, after: float) -> None:
 
 def _guess(grid: Grid) -> dict[str, float]:
     """Where its search for the start begins: angles and currents as they are, EMFs about right."""
-    found = {f"V_{bus}": abs(v) for bus, v in grid.voltage.items()}
-    found |= {f"theta_{bus}": float(np.angle(v)) for bus, v in grid.voltage.items()}
+    guess = {f"V_{bus}": abs(v) for bus, v in grid.voltage.items()}
+    guess |= {f"theta_{bus}": float(np.angle(v)) for bus, v in grid.voltage.items()}
     for m in grid.machines:
         current = (grid.power[m.name] / grid.voltage[m.bus]).conjugate() * grid.base / m.rating
         angle = float(np.angle(grid.voltage[m.bus] + (m.Ra + 1j * (m.Xq or 0.0)) * current))
         turned = current * np.exp(1j * (np.pi / 2 - angle))
-        found |= {f"delta_{m.name}": angle, f"i_d_{m.name}": turned.real, f"i_q_{m.name}": turned.imag}
-        found |= {f"p_m_{m.name}": 0.8, f"v_f_{m.name}": 1.8, f"q_g_{m.name}": 0.2, f"p_g_{m.name}": 0.8}
-        found |= {f"omega_{m.name}": 1.0, f"e1q_{m.name}": 0.9, f"e2q_{m.name}": 0.9}
-        found |= {f"e1d_{m.name}": 0.4, f"e2d_{m.name}": 0.5}
-    slack = found[f"delta_{grid.slack().name}"]  # the angle that all are counted from
-    return {name: x - slack if name.startswith(("delta", "theta")) else x for name, x in found.items()}
+        guess |= {f"delta_{m.name}": angle, f"i_d_{m.name}": turned.real, f"i_q_{m.name}": turned.imag}
+        guess |= {f"p_m_{m.name}": 0.8, f"v_f_{m.name}": 1.8, f"q_g_{m.name}": 0.2, f"p_g_{m.name}": 0.8}
+        guess |= {f"omega_{m.name}": 1.0, f"e1q_{m.name}": 0.9, f"e2q_{m.name}": 0.9}
+        guess |= {f"e1d_{m.name}": 0.4, f"e2d_{m.name}": 0.5}
+    slack = guess[f"delta_{grid.slack().name}"]  # the angle that all are counted from
+    return {name: x - slack if name.startswith(("delta", "theta")) else x for name, x in guess.items()}
 
 
 def run(prepared: Any, grid: Grid, step: float) -> TimedRun:

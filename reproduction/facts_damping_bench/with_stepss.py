@@ -106,6 +106,6 @@ def run(path: Path, grid: Grid, step: float) -> TimedRun:
     ready = time.perf_counter()
     ram.contSim(ram.getInfTime())
     ended = time.perf_counter()
-    found = stepss.extractor("speeds.trj")
-    curves = [found.getSync(m.name).S for m in grid.machines]
+    extractor = stepss.extractor("speeds.trj")
+    curves = [extractor.getSync(m.name).S for m in grid.machines]
     return TimedRun(ready - began, ended - ready, np.array(curves[0].time), np.array([c.value for c in curves]).T - 1.0)

@@ -63,14 +63,14 @@ def run(prepared: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001 (w
     solver = solvers.ModifiedEulerDAE(ps.state_derivatives, ps.solve_algebraic, 0, ps.x_0.copy(), 1e9, max_step=step)
     machines, bus = ps.gen["GEN"], list(grid.nominal).index(FAULT_BUS)
     fault = {round(FAULT_START / step): -1j / FAULT_X, round(FAULT_END / step): 0.0}
-    every, kept = round(1.0 / (RATE * step)), []
+    every, speeds = round(1.0 / (RATE * step)), []
     ready = time.perf_counter()
     for k in range(round(DURATION / step) + 1):
         if k in fault:
             ps.y_bus_red_mod[bus, bus] = fault[k]
             solver.v[:] = ps.solve_algebraic(solver.t, solver.x)
         if k % every == 0:
-            kept.append(machines.speed(solver.x, solver.v).copy())
+            speeds.append(machines.speed(solver.x, solver.v).copy())
         solver.step()
     ended = time.perf_counter()
-    return TimedRun(ready - began, ended - ready, np.arange(len(kept)) / RATE, np.array(kept))
+    return TimedRun(ready - began, ended - ready, np.arange(len(speeds)) / RATE, np.array(speeds))

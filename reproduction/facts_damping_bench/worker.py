@@ -24,10 +24,10 @@ def answer(program: Any, prepared: Any, request: dict[str, Any]) -> dict[str, An
     """The figures of one run: s of set-up, of the run in time, of all with what it gives back, and the swings."""
     case = grids.grid(request["load"])
     began = time.perf_counter()
-    found = program.run(prepared, case, request["step"], **request["more"])
+    timed_run = program.run(prepared, case, request["step"], **request["more"])
     took = time.perf_counter() - began
-    swings = grids.swings(found)
-    return {"setup_s": found.setup_s, "wall_s": found.wall_s, "total_s": took, "swings": swings.tolist()}
+    swings = grids.swings(timed_run)
+    return {"setup_s": timed_run.setup_s, "wall_s": timed_run.wall_s, "total_s": took, "swings": swings.tolist()}
 
 
 def main() -> None:
@@ -38,10 +38,10 @@ def main() -> None:
     try:
         began = time.perf_counter()
         program = importlib.import_module(sys.argv[1])
-        made = program.prepare(grids.grid(), Path(sys.argv[2]))
+        prepared = program.prepare(grids.grid(), Path(sys.argv[2]))
         out.write(json.dumps({"prepared_s": time.perf_counter() - began}) + "\n")
         for line in sys.stdin:
-            out.write(json.dumps(answer(program, made, json.loads(line))) + "\n")
+            out.write(json.dumps(answer(program, prepared, json.loads(line))) + "\n")
     except Exception as error:  # noqa: BLE001 (whatever a program dies of is said in its row)
         traceback.print_exc()
         out.write(json.dumps({"error": f"{type(error).__name__}: {one_line(error)}"}) + "\n")

@@ -108,29 +108,29 @@ def compare(
 
 def statements(compared: Sequence[Compared]) -> list[Statement]:
     """What the tables state; of roughness what the cells given are enough for."""
-    found = [_improvement(c) for c in compared if c.cell.against is not None]
+    stated = [_improvement(c) for c in compared if c.cell.against is not None]
     smooth = {(c.cell.table, c.cell.scenario, c.cell.who): c for c in compared if c.cell.against is None}
     for (table, scenario, who), c in smooth.items():
         if table == "6.1" and who.architecture == "MISO":
             continue
         for what, over in _smoother(who):
             if (table, scenario, over) in smooth:
-                found.append(_roughness(what, c, smooth[table, scenario, over]))
-    return found
+                stated.append(_roughness(what, c, smooth[table, scenario, over]))
+    return stated
 
 
-def contradictions(statements: Iterable[Statement]) -> list[Statement]:
+def contradictions(stated: Iterable[Statement]) -> list[Statement]:
     """The statements that our runs contradict: the sign differs, or a run has no figures."""
-    return [s for s in statements if not s.agrees]
+    return [s for s in stated if not s.agrees]
 
 
-def signs(statements: Sequence[Statement]) -> list[Signs]:
+def signs(stated: Sequence[Statement]) -> list[Signs]:
     """Agreement of signs by table and kind of statement, then of each kind over all tables, then of everything."""
-    pairs = dict.fromkeys((s.table, s.what) for s in statements)
-    rows = [_signs(*pair, [s for s in statements if (s.table, s.what) == pair]) for pair in pairs]
-    kinds = dict.fromkeys(s.what for s in statements)
-    rows += [_signs(ALL, what, [s for s in statements if s.what == what]) for what in kinds]
-    return [*rows, _signs(ALL, ALL, statements)] if statements else rows
+    pairs = dict.fromkeys((s.table, s.what) for s in stated)
+    rows = [_signs(*pair, [s for s in stated if (s.table, s.what) == pair]) for pair in pairs]
+    kinds = dict.fromkeys(s.what for s in stated)
+    rows += [_signs(ALL, what, [s for s in stated if s.what == what]) for what in kinds]
+    return [*rows, _signs(ALL, ALL, stated)] if stated else rows
 
 
 def name(who: ControllerId) -> str:
@@ -140,15 +140,15 @@ def name(who: ControllerId) -> str:
 
 def flat(row: Any) -> dict[str, Any]:
     """A named tuple as a row of scalars, for CSV and JSON: the fields of tuples in it beside its own."""
-    found: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     for field, value in row._asdict().items():
         if isinstance(value, ControllerId):
-            found[field] = name(value)
+            fields[field] = name(value)
         elif hasattr(value, "_asdict"):
-            found |= flat(value)
+            fields |= flat(value)
         else:
-            found[field] = value
-    return found
+            fields[field] = value
+    return fields
 
 
 def markdown(rows: Sequence[Any], left: Sequence[str], right: Sequence[str], form: str = ".4g") -> list[str]:
@@ -216,19 +216,17 @@ def _statement(
 
 def _smoother(who: ControllerId) -> list[tuple[str, ControllerId]]:
     """Whom a run is stated to be smoother than, or not."""
-    found = []
+    smoother_than = []
     if who.architecture == "MIMO":
-        found.append((OVER_MISO, who._replace(architecture="MISO")))
+        smoother_than.append((OVER_MISO, who._replace(architecture="MISO")))
     elif who.scheme == "indirect":
-        found.append((OVER_DIRECT, who._replace(scheme="direct")))
+        smoother_than.append((OVER_DIRECT, who._replace(scheme="direct")))
     if who.controller != "LLC":
-        found.append((OVER_LLC, ControllerId(who.architecture, "LLC", None)))
-    return found
+        smoother_than.append((OVER_LLC, ControllerId(who.architecture, "LLC", None)))
+    return smoother_than
 
 
-def _signs(table: str, what: str, statements: Sequence[Statement]) -> Signs:
-    agree, printed = sum(s.agrees for s in statements), sum(s.agrees_as_printed for s in statements)
-    missing = sum(s.ours is None for s in statements)
-    return Signs(
-        table, what, len(statements), agree, printed, missing, agree / len(statements), printed / len(statements)
-    )
+def _signs(table: str, what: str, stated: Sequence[Statement]) -> Signs:
+    agree, printed = sum(s.agrees for s in stated), sum(s.agrees_as_printed for s in stated)
+    missing = sum(s.ours is None for s in stated)
+    return Signs(table, what, len(stated), agree, printed, missing, agree / len(stated), printed / len(stated))

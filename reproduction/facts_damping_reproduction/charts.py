@@ -26,14 +26,14 @@ MARKERS = "os^D"
 
 def improvements(title: str, compared: Sequence[Compared]) -> Figure:
     """Improvement over LLC, theirs across, ours upwards: an axes an index, a colour a scenario."""
-    kept = [c for c in compared if c.cell.against == LLC]
+    over_llc = [c for c in compared if c.cell.against == LLC]
     figure = Figure(figsize=(11.0, 3.6), layout="constrained")
     axes: Any = figure.subplots(1, len(THESIS_INDICES), sharex=True, sharey=True)
-    scenarios = list(dict.fromkeys(c.cell.scenario for c in kept))
+    scenarios = list(dict.fromkeys(c.cell.scenario for c in over_llc))
     for axis, index in zip(axes, THESIS_INDICES, strict=True):
         for colour, marker, scenario in zip(COLOURS, MARKERS, scenarios, strict=False):
-            own = [c for c in kept if (c.cell.scenario, c.cell.quantity) == (scenario, index)]
-            places = [(c.cell.corrected, MINIMUM if c.ours is None else max(c.ours, MINIMUM)) for c in own]
+            marks = [c for c in over_llc if (c.cell.scenario, c.cell.quantity) == (scenario, index)]
+            places = [(c.cell.corrected, MINIMUM if c.ours is None else max(c.ours, MINIMUM)) for c in marks]
             axis.plot(*np.array(places).reshape(-1, 2).T, marker, color=colour, ms=4, alpha=0.8, label=scenario)
         axis.axline((0.0, 0.0), slope=1.0, color="0.6", lw=0.8)
         axis.axhline(0.0, color="0.6", lw=0.8, ls="--")
@@ -51,8 +51,8 @@ def roughness(title: str, compared: Sequence[Compared]) -> Figure:
     axis: Any = figure.subplots()
     kinds = list(dict.fromkeys((c.cell.architecture, c.cell.scheme or "LLC") for c in compared))
     for colour, marker, kind in zip(COLOURS, MARKERS * 2, kinds, strict=False):
-        own = [c for c in compared if (c.cell.architecture, c.cell.scheme or "LLC") == kind and c.ours]
-        places = np.array([(c.cell.corrected, c.ours) for c in own]).reshape(-1, 2)
+        marks = [c for c in compared if (c.cell.architecture, c.cell.scheme or "LLC") == kind and c.ours]
+        places = np.array([(c.cell.corrected, c.ours) for c in marks]).reshape(-1, 2)
         axis.plot(*places.T, marker, color=colour, ms=5, alpha=0.8, label=" ".join(kind))
     axis.set(xscale="log", yscale="log", xlabel="theirs", ylabel="ours [p.u./s²]")
     axis.grid(visible=True, color="0.92")
@@ -66,19 +66,21 @@ def ensemble(system: str, spreads: Sequence[Spread], plain: Mapping[tuple[str, s
 
     `plain`: improvement in the scenario as it is, %, by scenario and controller.
     """
-    scenarios, whos = (list(dict.fromkeys(getattr(one, field) for one in spreads)) for field in ("scenario", "who"))
+    scenarios, whos = (
+        list(dict.fromkeys(getattr(spread, field) for spread in spreads)) for field in ("scenario", "who")
+    )
     whos = [who for who in whos if who not in ("MISO none", "MISO LLC")]
     figure = Figure(figsize=(3.4 * len(scenarios) + 1.5, 1.6 + 0.2 * len(whos)), layout="constrained")
     axes: Any = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)
     for axis, scenario in zip(axes[0], scenarios, strict=True):
-        for one in spreads:
-            if one.scenario == scenario and one.who in whos:
-                row, inner = whos.index(one.who), np.maximum(one.over_llc, MINIMUM)
+        for spread in spreads:
+            if spread.scenario == scenario and spread.who in whos:
+                row, inner = whos.index(spread.who), np.maximum(spread.over_llc, MINIMUM)
                 axis.plot(inner[1:], [row, row], color=COLOURS[0], lw=2.5, alpha=0.6)
                 axis.plot(inner[0], row, "o", color=COLOURS[0], ms=4, label="median and its 95 % interval")
-                own = plain.get((scenario, one.who))
-                if own is not None:
-                    axis.plot(max(own, MINIMUM), row, "x", color=COLOURS[1], ms=5, label="the scenario as it is")
+                unvaried = plain.get((scenario, spread.who))
+                if unvaried is not None:
+                    axis.plot(max(unvaried, MINIMUM), row, "x", color=COLOURS[1], ms=5, label="the scenario as it is")
         axis.set(title=scenario, xlabel=f"improvement of {SHOWN} over LLC [%]")
         axis.grid(visible=True, color="0.92")
     axes[0, 0].set_yticks(range(len(whos)), whos, fontsize="small")
@@ -93,19 +95,19 @@ def ensemble(system: str, spreads: Sequence[Spread], plain: Mapping[tuple[str, s
 def verdict(signs: Sequence[Signs], rankings: Sequence[Ranking]) -> Figure:
     """Which of the thesis's statements hold: equal signs by whom it compares with, and how orders go together."""
     start = "improvement over MISO "
-    whole = [one for one in signs if one.table == "all" and one.what.startswith(start)]
+    whole = [sign_row for sign_row in signs if sign_row.table == "all" and sign_row.what.startswith(start)]
     figure = Figure(figsize=(10.0, 3.0), layout="constrained")
     axes: Any = figure.subplots(1, 2)
-    fractions = [100.0 * one.fraction for one in whole]
+    fractions = [100.0 * sign_row.fraction for sign_row in whole]
     bars = axes[0].barh(
-        range(len(whole)), fractions, color=[COLOURS[0] if one > 95.0 else COLOURS[1] for one in fractions]
+        range(len(whole)), fractions, color=[COLOURS[0] if fraction > 95.0 else COLOURS[1] for fraction in fractions]
     )
-    axes[0].bar_label(bars, [f" {one.agree} of {one.statements}" for one in whole], fontsize="small")
-    axes[0].set_yticks(range(len(whole)), [f"over {one.what.removeprefix(start)}" for one in whole])
+    axes[0].bar_label(bars, [f" {sign_row.agree} of {sign_row.statements}" for sign_row in whole], fontsize="small")
+    axes[0].set_yticks(range(len(whole)), [f"over {sign_row.what.removeprefix(start)}" for sign_row in whole])
     axes[0].invert_yaxis()
     axes[0].axvline(50.0, color="0.4", lw=0.8, ls="--")
     axes[0].set(xlim=(0.0, 120.0), xlabel="improvements with the thesis's sign [%]")
-    known = [one.rho for one in rankings if one.rho is not None]
+    known = [order.rho for order in rankings if order.rho is not None]
     axes[1].hist(known, bins=np.linspace(-1.0, 1.0, 17), color=COLOURS[0], alpha=0.8)
     axes[1].axvline(float(np.mean(known)), color=COLOURS[1], lw=2.0, label=f"mean, {np.mean(known):.2f}")
     axes[1].set(xlabel="rank correlation of an order with the thesis's", ylabel="orders", xlim=(-1.0, 1.0))
@@ -115,15 +117,15 @@ def verdict(signs: Sequence[Signs], rankings: Sequence[Ranking]) -> Figure:
 
 def variants(told_rows: Sequence[Told]) -> Figure:
     """Agreement with the thesis of every set-up: signs and rank correlation, a mark a table."""
-    names, tables = (list(dict.fromkeys(getattr(one, field) for one in told_rows)) for field in ("variant", "table"))
+    names, tables = (list(dict.fromkeys(getattr(row, field) for row in told_rows)) for field in ("variant", "table"))
     figure = Figure(figsize=(10.0, 1.4 + 0.27 * len(names)), layout="constrained")
     axes: Any = figure.subplots(1, 2, sharey=True)
     for axis, field, label in zip(
         axes, ("signs", "rho"), ("fraction of equal signs", "mean rank correlation"), strict=True
     ):
         for colour, marker, table in zip(COLOURS, MARKERS * 2, tables, strict=False):
-            own = [(getattr(one, field), names.index(one.variant)) for one in told_rows if one.table == table]
-            places = np.array([place for place in own if place[0] is not None], float).reshape(-1, 2)
+            points = [(getattr(row, field), names.index(row.variant)) for row in told_rows if row.table == table]
+            places = np.array([place for place in points if place[0] is not None], float).reshape(-1, 2)
             axis.plot(*places.T, marker, color=colour, ms=5, alpha=0.8, label=f"table {table}")
         axis.set(xlabel=label)
         axis.grid(visible=True, color="0.92")

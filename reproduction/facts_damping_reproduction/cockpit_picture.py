@@ -24,7 +24,7 @@ def plot(path: str) -> None:
         command = [sys.executable, "-m", "facts_damping", *RUN, "--out", f"{folder}/out"]
         run = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         try:
-            address = next(found[0] for line in run.stdout or () if (found := re.search(r"http://\S+", line)))
+            address = next(match[0] for line in run.stdout or () if (match := re.search(r"http://\S+", line)))
             with sync_playwright() as driver:
                 browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
                 page = browser.new_page(viewport={"width": 1440, "height": 900})

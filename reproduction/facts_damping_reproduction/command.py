@@ -51,14 +51,14 @@ def reproduce(arguments: argparse.Namespace) -> None:
         return
     folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / "reproduction")
     clean_up_first(f"{CONTINUES}: {folder}")
-    found = gather(arguments.tables, arguments.draws, folder, arguments.jobs)
-    judged = find(found)
-    written = pages.write(found, judged, folder)
-    write_json(arguments.json, pages.document(found, judged))
-    for title, one in (("the scenarios as they are", judged.plain), ("medians over the ensembles", judged.drawn)):
-        if one.signs:
+    results = gather(arguments.tables, arguments.draws, folder, arguments.jobs)
+    judged = find(results)
+    written = pages.write(results, judged, folder)
+    write_json(arguments.json, pages.document(results, judged))
+    for title, side in (("the scenarios as they are", judged.plain), ("medians over the ensembles", judged.drawn)):
+        if side.signs:
             signs, ranks = ("statements", "agree", "fraction"), ("rankings", "mean_rho", "same_best", "same_second")
-            lines = [*markdown(one.signs, ["table", "what"], signs), "", *markdown(one.totals, ["table"], ranks)]
+            lines = [*markdown(side.signs, ["table", "what"], signs), "", *markdown(side.totals, ["table"], ranks)]
             say(arguments, "\n".join([f"Agreement with the thesis, {title}:", "", *lines, ""]))
     for path in written:
         say(arguments, f"written: {path}")
@@ -75,17 +75,17 @@ def _what_holds(arguments: argparse.Namespace) -> None:
     from facts_damping_reproduction.adaptation import experiment, pages
 
     check_known("--profile", arguments.profile, [DEFAULT_PROFILE, experiment.PROFILE])
-    for name, given in (("TABLE", arguments.tables), ("--draws", arguments.draws)):
-        if given:
-            raise InputError(f"{name}: {given} given; allowed: none with --profile {experiment.PROFILE}")
+    for name, value in (("TABLE", arguments.tables), ("--draws", arguments.draws)):
+        if value:
+            raise InputError(f"{name}: {value} given; allowed: none with --profile {experiment.PROFILE}")
     folder = files.new_folder(
         Path(arguments.out) if arguments.out is not None else Path("results") / experiment.PROFILE
     )
     clean_up_first(f"{CONTINUES}: {folder}")
-    found = experiment.run(folder, arguments.jobs, arguments.scheduler, arguments.seed)
-    results = pages.by_devices(found)
-    told = {devices: pages.ratios(own) for devices, own in results.items()}
-    written, first = pages.write(found, told, folder), next(iter(results))
-    answers = pages.answers(results[first], told[first])
-    write_json(arguments.json, {"ratios": pages.rows(told), "answers": answers})
+    by_seed = experiment.run(folder, arguments.jobs, arguments.scheduler, arguments.seed)
+    results = pages.by_devices(by_seed)
+    comparisons = {devices: pages.ratios(experiments) for devices, experiments in results.items()}
+    written, first = pages.write(by_seed, comparisons, folder), next(iter(results))
+    answers = pages.answers(results[first], comparisons[first])
+    write_json(arguments.json, {"ratios": pages.rows(comparisons), "answers": answers})
     say(arguments, *answers, "", *(f"written: {path}" for path in written))

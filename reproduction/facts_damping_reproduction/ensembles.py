@@ -83,11 +83,11 @@ class Decided(NamedTuple):
 
 def values(rows: Iterable[dict[str, Any]], quantity: str) -> dict[str, NDArray[np.float64]]:
     """A figure draw by draw, by the controllers' names: (draws,), infinite where a run is unstable."""
-    found: dict[str, list[float]] = {}
+    by_who: dict[str, list[float]] = {}
     for row in rows:
-        told = row["error"] is None and row["stable"] and row[quantity] is not None
-        found.setdefault(row["who"], []).append(row[quantity] if told else np.inf)
-    return {who: np.array(own) for who, own in found.items()}
+        known = row["error"] is None and row["stable"] and row[quantity] is not None
+        by_who.setdefault(row["who"], []).append(row[quantity] if known else np.inf)
+    return {who: np.array(draw_figures) for who, draw_figures in by_who.items()}
 
 
 def median(x: NDArray[np.float64]) -> Interval:
@@ -99,43 +99,43 @@ def median(x: NDArray[np.float64]) -> Interval:
     return Interval(float(np.median(x)), float(ordered[outside - 1]), float(ordered[n - outside]))
 
 
-def improvements(reference: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def improvements(reference: NDArray[np.float64], figures: NDArray[np.float64]) -> NDArray[np.float64]:
     """Improvement (4.109) draw by draw, %: 100 where only the reference is unstable, 0 where both are."""
     with np.errstate(invalid="ignore"):
-        found = np.asarray(100 * (1 - values / reference))
-    return np.where(np.isinf(reference), np.where(np.isinf(values), 0.0, 100.0), found)
+        percent = np.asarray(100 * (1 - figures / reference))
+    return np.where(np.isinf(reference), np.where(np.isinf(figures), 0.0, 100.0), percent)
 
 
 def spreads(rows: Sequence[Row], link: str) -> list[Spread]:
     """Every figure of every controller over the draws of a scenario."""
-    found = []
+    spread_rows = []
     for quantity in FIGURES:
         x = values(rows, quantity)
         lowest = np.min(list(x.values()), axis=0)
-        found += [
+        spread_rows += [
             Spread(
                 system=rows[0]["system"],
                 scenario=rows[0]["scenario"],
                 link=link,
                 who=who,
                 quantity=quantity,
-                draws=len(own),
-                unstable=int(np.isinf(own).sum()),
-                figure=median(own),
-                over_llc=median(improvements(x[name(LLC)], own)),
-                over_tuned=median(improvements(x[name(TUNED)], own)),
-                best=float(np.mean((own == lowest) & np.isfinite(own))),
+                draws=len(draw_figures),
+                unstable=int(np.isinf(draw_figures).sum()),
+                figure=median(draw_figures),
+                over_llc=median(improvements(x[name(LLC)], draw_figures)),
+                over_tuned=median(improvements(x[name(TUNED)], draw_figures)),
+                best=float(np.mean((draw_figures == lowest) & np.isfinite(draw_figures))),
             )
-            for who, own in x.items()
+            for who, draw_figures in x.items()
         ]
-    return found
+    return spread_rows
 
 
 def drawn(cell: Cell, rows: Ensembles) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Draw by draw the figure of a cell's controller, and what stands in the cell: the improvement, or the figure."""
     x = values(rows[cell.system, cell.scenario], cell.quantity)
-    own = x[name(cell.who)]
-    return own, own if cell.against is None else improvements(x[name(cell.against)], own)
+    draw_figures = x[name(cell.who)]
+    return draw_figures, draw_figures if cell.against is None else improvements(x[name(cell.against)], draw_figures)
 
 
 def compare(cells: Iterable[Cell], rows: Ensembles) -> list[Compared]:
@@ -151,16 +151,16 @@ def _compared(cell: Cell, figure: float, ours: float) -> Compared:
 
 def firmness(figures: Figures, rows: Ensembles, quantities: Sequence[str] = FIGURES) -> list[Firmness]:
     """How firm the orders are: the networks of a scheme and architecture in each scenario."""
-    found = []
-    for (system, scenario), own in rows.items():
+    firm_orders = []
+    for (system, scenario), runs in rows.items():
         for quantity in quantities:
-            x = values(own, quantity)
+            x = values(runs, quantity)
             for label, group in _groups(figures, system, scenario).items():
                 drawn = np.array([x[name(who)] for who in group])
                 plain = np.array([_known(figures[ComparedRun(system, scenario, who)], quantity) for who in group])
                 middle, first = np.median(drawn, axis=1), int(np.argmin(plain))
                 each = [rho(plain, draw) or 0.0 for draw in drawn.T]
-                found.append(
+                firm_orders.append(
                     Firmness(
                         *(system, scenario, quantity, label, name(group[first])),
                         float(np.mean(np.argmin(drawn, axis=0) == first)),
@@ -169,33 +169,38 @@ def firmness(figures: Figures, rows: Ensembles, quantities: Sequence[str] = FIGU
                         float(np.mean(each)),
                     )
                 )
-    return found
+    return firm_orders
 
 
 def decided(figures: Figures, quantities: Sequence[str] = FIGURES) -> list[Decided]:
     """Whose mean place over the scenarios of a system is the best, and which single scenario decides that."""
-    found = []
+    decisions = []
     for system, scenarios in SCENARIOS.items():
-        names = [one for one in scenarios.values() if any(run[:2] == (system, one) for run in figures)]
+        names = [scenario for scenario in scenarios.values() if any(run[:2] == (system, scenario) for run in figures)]
         groups = _groups(figures, system, names[0]) if names else {}
         for quantity in quantities:
             for label, group in groups.items():
-                plain = [[_known(figures[ComparedRun(system, one, who)], quantity) for who in group] for one in names]
+                plain = [
+                    [_known(figures[ComparedRun(system, scenario, who)], quantity) for who in group]
+                    for scenario in names
+                ]
                 places = np.array([rankdata(row) for row in plain])
                 first = int(np.argmin(places.mean(axis=0)))
                 without = [np.delete(places, i, axis=0).mean(axis=0) for i in range(len(names))] if names[1:] else []
-                deciding = tuple(one for one, left in zip(names, without, strict=False) if np.argmin(left) != first)
-                found.append(Decided(system, quantity, label, name(group[first]), deciding))
-    return found
+                deciding = tuple(
+                    scenario for scenario, left in zip(names, without, strict=False) if np.argmin(left) != first
+                )
+                decisions.append(Decided(system, quantity, label, name(group[first]), deciding))
+    return decisions
 
 
 def _groups(figures: Figures, system: str, scenario: str) -> dict[str, list[ControllerId]]:
     """The networks that ran in a scenario, by architecture and scheme."""
-    found: dict[str, list[ControllerId]] = {}
+    groups: dict[str, list[ControllerId]] = {}
     for run in figures:
         if run[:2] == (system, scenario) and run.who.scheme is not None:
-            found.setdefault(f"{run.who.architecture} {run.who.scheme}", []).append(run.who)
-    return {label: group for label, group in found.items() if len(group) > 1}
+            groups.setdefault(f"{run.who.architecture} {run.who.scheme}", []).append(run.who)
+    return {label: group for label, group in groups.items() if len(group) > 1}
 
 
 def _known(figures: Mapping[str, float] | None, quantity: str) -> float:

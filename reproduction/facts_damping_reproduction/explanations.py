@@ -104,14 +104,14 @@ def _gain(factor: float) -> More:
     def more(system: str, who: ControllerId) -> dict[str, Any]:
         if not who.scheme:
             return {}
-        found = _searched(system, who)
-        return {f"{PARAMETERS}.{one}": _divided(found[one], factor) for one in ("scale", "change_scale")}
+        parameters = _searched(system, who)
+        return {f"{PARAMETERS}.{name}": _divided(parameters[name], factor) for name in ("scale", "change_scale")}
 
     return more
 
 
 def _divided(value: Value, by: float) -> Value:
-    return [one / by for one in value] if isinstance(value, list) else float(value) / by
+    return [number / by for number in value] if isinstance(value, list) else float(value) / by
 
 
 BASE = "as searched"
@@ -154,23 +154,23 @@ TABLE = (
 
 def told(variant: str, cells: Sequence[Cell], figures: Figures, base: Figures) -> list[Told]:
     """Agreement of a variant's figures with the tables of improvements among the cells, and with `base`, ours."""
-    found = []
+    rows = []
     for table in dict.fromkeys(cell.table for cell in cells if cell.against is not None):
-        own = [cell for cell in cells if cell.table == table]
-        compared = agreement.compare(own, figures)
+        table_cells = [cell for cell in cells if cell.table == table]
+        compared = agreement.compare(table_cells, figures)
         signs = agreement.signs(agreement.statements(compared))[0]
         ranked = ranking.rankings(compared)
         ranks = ranking.totals(ranked)[0]
-        before = {one[:4]: _places(one) for one in ranking.rankings(agreement.compare(own, base))}
-        like = [ranking.rho(_places(one), before[one[:4]]) for one in ranked]
-        known = [one for one in like if one is not None]
+        before = {order[:4]: _places(order) for order in ranking.rankings(agreement.compare(table_cells, base))}
+        like = [ranking.rho(_places(order), before[order[:4]]) for order in ranked]
+        known = [rho for rho in like if rho is not None]
         unstable = sum(
-            figures[run] is None for run in {agreement.ComparedRun(c.system, c.scenario, c.who) for c in own}
+            figures[run] is None for run in {agreement.ComparedRun(c.system, c.scenario, c.who) for c in table_cells}
         )
         rho_own = float(np.mean(known)) if known else None
-        told = (signs.fraction, ranks.mean_rho, rho_own, ranks.same_best, ranks.rankings, unstable)
-        found.append(Told(variant, table, *told))
-    return found
+        figures_told = (signs.fraction, ranks.mean_rho, rho_own, ranks.same_best, ranks.rankings, unstable)
+        rows.append(Told(variant, table, *figures_told))
+    return rows
 
 
 def _places(order: Ranking) -> NDArray[np.float64]:

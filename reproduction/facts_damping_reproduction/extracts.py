@@ -35,29 +35,29 @@ class Agreed(NamedTuple):
 
 def agreed(findings: Findings) -> list[Agreed]:
     """The statements of docs/reproduction.md, with their counts."""
-    plain, drawn, found = findings.plain, findings.drawn, []
+    plain, drawn, counts = findings.plain, findings.drawn, []
     for words, where, over in (
         ("better than LLC", plain, "MISO LLC"),
         ("better than LLC, medians over random cases", drawn, "MISO LLC"),
         ("better than direct ANFTSC", plain, "MISO ANFTSC direct"),
     ):
         signs = _signs(where, over)
-        found += [Agreed(words, signs.agree, signs.statements)] if signs else []
-    found.append(Agreed("better than LLC-tuned, medians over random cases", *_over_tuned(findings)))
+        counts += [Agreed(words, signs.agree, signs.statements)] if signs else []
+    counts.append(Agreed("better than LLC-tuned, medians over random cases", *_over_tuned(findings)))
     if plain.totals:
-        found.append(
+        counts.append(
             Agreed("the same controller first in an order", plain.totals[-1].same_best, plain.totals[-1].rankings)
         )
-    found.append(Agreed("indirect better than direct", *_better(plain, "MISO indirect", "MISO direct")[1:]))
-    found.append(Agreed("both devices better than the SSSC", *_better(plain, "MIMO indirect", "MISO indirect")[1:]))
-    found.append(Agreed("indirect smoother than direct", *_smoother(plain, "smoother than direct")))
-    found.append(Agreed("smoother than LLC", *_smoother(plain, "smoother than LLC")))
-    return [one for one in found if one.of]
+    counts.append(Agreed("indirect better than direct", *_better(plain, "MISO indirect", "MISO direct")[1:]))
+    counts.append(Agreed("both devices better than the SSSC", *_better(plain, "MIMO indirect", "MISO indirect")[1:]))
+    counts.append(Agreed("indirect smoother than direct", *_smoother(plain, "smoother than direct")))
+    counts.append(Agreed("smoother than LLC", *_smoother(plain, "smoother than LLC")))
+    return [count for count in counts if count.of]
 
 
 def _signs(agreement: Agreement, over: str) -> Signs | None:
     signs = [
-        one for one in agreement.signs_by_reference if (one.table, one.what) == ("all", f"improvement over {over}")
+        row for row in agreement.signs_by_reference if (row.table, row.what) == ("all", f"improvement over {over}")
     ]
     return signs[0] if signs else None
 
@@ -77,14 +77,14 @@ def rho(agreement: Agreement) -> str:
 def firm(findings: Findings) -> str:
     """How firm orders are, by system and scheme: a row each, over scenarios and quantities."""
     rows = []
-    for key in dict.fromkeys((one.system, one.scheme) for one in findings.firmness):
-        own = [one for one in findings.firmness if (one.system, one.scheme) == key]
-        same = sum(one.first == one.first_of_medians for one in own)
-        first = np.array([one.first_in_draws for one in own])
-        known = [one.rho for one in own if one.rho is not None]
+    for key in dict.fromkeys((order.system, order.scheme) for order in findings.firmness):
+        orders = [order for order in findings.firmness if (order.system, order.scheme) == key]
+        same = sum(order.first == order.first_of_medians for order in orders)
+        first = np.array([order.first_in_draws for order in orders])
+        known = [order.rho for order in orders if order.rho is not None]
         spread = f"{100 * first.mean():.0f} ({100 * first.min():.0f} to {100 * first.max():.0f})"
-        drawn = float(np.mean([one.rho_in_draws for one in own]))
-        rows.append([*key, f"{same} of {len(own)}", spread, f"{np.mean(known):.2f}", f"{drawn:.2f}"])
+        drawn = float(np.mean([order.rho_in_draws for order in orders]))
+        rows.append([*key, f"{same} of {len(orders)}", spread, f"{np.mean(known):.2f}", f"{drawn:.2f}"])
     titles = ["first is first by medians", "fraction of draws in which it is first [%]", "rho, medians", "rho, draws"]
     return "\n".join(table(["system", "scheme", *titles], rows, left=2, markdown=True))
 
@@ -92,7 +92,8 @@ def firm(findings: Findings) -> str:
 def decided(findings: Findings) -> str:
     """Who has the best mean place over the scenarios, and which single scenario decides it."""
     rows = [
-        [one.system, one.scheme, one.quantity, one.first, ", ".join(one.deciding) or "none"] for one in findings.decided
+        [decision.system, decision.scheme, decision.quantity, decision.first, ", ".join(decision.deciding) or "none"]
+        for decision in findings.decided
     ]
     titles = ["system", "scheme", "quantity", "best mean place", "decided by"]
     return "\n".join(table(titles, rows, left=5, markdown=True))
@@ -100,13 +101,15 @@ def decided(findings: Findings) -> str:
 
 def medians(findings: Findings, system: str, link: str) -> str:
     """Median improvement of the indices over LLC-tuned, %, with intervals: those that also ran behind the link."""
-    kept = [one for one in findings.spreads if one.system == system and one.quantity in THESIS_INDICES]
-    whos = [who for who in dict.fromkeys(one.who for one in kept if one.link == LINK) if who != name(TUNED)]
-    scenarios = dict.fromkeys(one.scenario for one in kept)
-    at = {(one.scenario, one.who, one.quantity): one.over_tuned for one in kept if one.link == link}
+    spreads = [spread for spread in findings.spreads if spread.system == system and spread.quantity in THESIS_INDICES]
+    whos = [who for who in dict.fromkeys(spread.who for spread in spreads if spread.link == LINK) if who != name(TUNED)]
+    scenarios = dict.fromkeys(spread.scenario for spread in spreads)
+    at = {
+        (spread.scenario, spread.who, spread.quantity): spread.over_tuned for spread in spreads if spread.link == link
+    }
     columns = [(scenario, index) for scenario in scenarios for index in THESIS_INDICES]
     rows = [[who, *(_interval(at[scenario, who, index]) for scenario, index in columns)] for who in whos]
-    return "\n".join(table(["controller", *(" ".join(one) for one in columns)], rows, markdown=True))
+    return "\n".join(table(["controller", *(" ".join(place) for place in columns)], rows, markdown=True))
 
 
 def _interval(value: Interval) -> str:
@@ -116,25 +119,31 @@ def _interval(value: Interval) -> str:
 
 def beaten(findings: Findings, system: str, link: str, who: str) -> str:
     """Where the median of a controller is not below that of LLC-tuned, and of how many: `none of 12`."""
-    kept = [
-        one for one in findings.spreads if (one.system, one.link) == (system, link) and one.quantity in THESIS_INDICES
+    spreads = [
+        spread
+        for spread in findings.spreads
+        if (spread.system, spread.link) == (system, link) and spread.quantity in THESIS_INDICES
     ]
-    middle = {(one.scenario, one.quantity, one.who): one.figure.median for one in kept}
-    own = [(scenario, index) for scenario, index, whose in middle if whose == who]
-    lost = [f"{one} {index}" for one, index in own if not middle[one, index, who] < middle[one, index, name(TUNED)]]
-    return f"{', '.join(lost) or 'none'} of {len(own)}"
+    middle = {(spread.scenario, spread.quantity, spread.who): spread.figure.median for spread in spreads}
+    places = [(scenario, index) for scenario, index, whose in middle if whose == who]
+    lost = [
+        f"{scenario} {index}"
+        for scenario, index in places
+        if not middle[scenario, index, who] < middle[scenario, index, name(TUNED)]
+    ]
+    return f"{', '.join(lost) or 'none'} of {len(places)}"
 
 
 def reached(findings: Findings, system: str) -> str:
     """How much of the way from LLC to the bound every controller comes, %, in the scenarios as they are."""
-    kept = [one for one in findings.reached if one.system == system and one.quantity in JUDGED]
-    columns = list(dict.fromkeys((one.scenario, one.quantity) for one in kept))
-    at = {(one.who, one.scenario, one.quantity): one.fraction for one in kept}
+    ways = [way for way in findings.reached if way.system == system and way.quantity in JUDGED]
+    columns = list(dict.fromkeys((way.scenario, way.quantity) for way in ways))
+    at = {(way.who, way.scenario, way.quantity): way.fraction for way in ways}
     rows = []
-    for who in dict.fromkeys(one.who for one in kept):
+    for who in dict.fromkeys(way.who for way in ways):
         fractions = [at[who, scenario, quantity] for scenario, quantity in columns]
-        rows.append([who, *("-" if one is None else f"{one:.0f}" for one in fractions)])
-    return "\n".join(table(["controller", *(" ".join(one) for one in columns)], rows, markdown=True))
+        rows.append([who, *("-" if percentage is None else f"{percentage:.0f}" for percentage in fractions)])
+    return "\n".join(table(["controller", *(" ".join(place) for place in columns)], rows, markdown=True))
 
 
 def better(agreement: Agreement, first: str, second: str) -> str:
@@ -147,8 +156,10 @@ def better(agreement: Agreement, first: str, second: str) -> str:
 
 
 def _better(agreement: Agreement, first: str, second: str) -> tuple[int, int, int]:
-    kept = [c for c in agreement.compared if c.cell.against == LLC and c.cell.scheme]
-    at = {(f"{c.cell.architecture} {c.cell.scheme}", c.cell[1:3], c.cell.controller, c.cell.quantity): c for c in kept}
+    over_llc = [c for c in agreement.compared if c.cell.against == LLC and c.cell.scheme]
+    at = {
+        (f"{c.cell.architecture} {c.cell.scheme}", c.cell[1:3], c.cell.controller, c.cell.quantity): c for c in over_llc
+    }
     pairs = [(c, at[first, a, b, q]) for (kind, a, b, q), c in at.items() if kind == second and (first, a, b, q) in at]
     theirs = sum(other.cell.corrected > c.cell.corrected for c, other in pairs)
     ours = sum((other.figure or np.inf) < (c.figure or np.inf) for c, other in pairs)
@@ -161,8 +172,8 @@ def smoother(agreement: Agreement, what: str) -> str:
 
 
 def _smoother(agreement: Agreement, what: str) -> tuple[int, int]:
-    own = [one for one in agreement.statements if one.what == what]
-    return sum((one.ours or 0.0) > 0.0 for one in own), len(own)
+    stated = [statement for statement in agreement.statements if statement.what == what]
+    return sum((statement.ours or 0.0) > 0.0 for statement in stated), len(stated)
 
 
 def over_tuned(findings: Findings) -> str:
@@ -172,34 +183,37 @@ def over_tuned(findings: Findings) -> str:
 
 def _over_tuned(findings: Findings) -> tuple[int, int]:
     runs = {(c.cell.system, c.cell.scenario, name(c.cell.who)) for c in findings.plain.compared if c.cell.scheme}
-    own = [
-        one
-        for one in findings.spreads
-        if one.link == "ideal" and one.quantity in THESIS_INDICES and (one.system, one.scenario, one.who) in runs
+    spreads = [
+        spread
+        for spread in findings.spreads
+        if spread.link == "ideal"
+        and spread.quantity in THESIS_INDICES
+        and (spread.system, spread.scenario, spread.who) in runs
     ]
-    return sum(one.over_tuned.median > 0.0 for one in own), len(own)
+    return sum(spread.over_tuned.median > 0.0 for spread in spreads), len(spreads)
 
 
 def extremes(results: Results) -> str:
     """The lowest and the highest mean rank correlation with the thesis among the set-ups, and where."""
-    known = sorted((one.rho, one.variant, one.table) for one in results.told if one.rho is not None)
-    low, high = (f"{one[0]:.2f} ({one[1]}, table {one[2]})" for one in (known[0], known[-1]))
+    known = sorted((row.rho, row.variant, row.table) for row in results.told if row.rho is not None)
+    low, high = (f"{extreme[0]:.2f} ({extreme[1]}, table {extreme[2]})" for extreme in (known[0], known[-1]))
     return f"{low} to {high}"
 
 
 def setups(results: Results) -> str:
     """Every set-up: agreement with the thesis by table, signs and mean rank correlation; and with our own orders."""
-    tables = list(dict.fromkeys(one.table for one in results.told))
-    at = {(one.variant, one.table): one for one in results.told}
+    tables = list(dict.fromkeys(row.table for row in results.told))
+    at = {(row.variant, row.table): row for row in results.told}
     rows = []
     for variant in TABLE:
-        own = [at.get((variant.name, table)) for table in tables]
-        if any(own):
+        variant_rows = [at.get((variant.name, table)) for table in tables]
+        if any(variant_rows):
             cells = [
-                "" if one is None else f"{100 * one.signs:.0f}; {_two(one.rho)}; {_two(one.rho_own)}" for one in own
+                "" if row is None else f"{100 * row.signs:.0f}; {_two(row.rho)}; {_two(row.rho_own)}"
+                for row in variant_rows
             ]
             rows.append([variant.name, variant.what, *cells])
-    titles = ["set-up", "what is changed", *(f"table {one}" for one in tables)]
+    titles = ["set-up", "what is changed", *(f"table {number}" for number in tables)]
     return "\n".join(table(titles, rows, left=2, markdown=True))
 
 

@@ -53,14 +53,16 @@ class Findings(NamedTuple):
 def find(results: Results) -> Findings:
     """Everything that the pages tell."""
     behind = [
-        (rows, link) for link, own in (("ideal", results.ensembles), (LINK, results.delayed)) for rows in own.values()
+        (rows, link)
+        for link, ensemble in (("ideal", results.ensembles), (LINK, results.delayed))
+        for rows in ensemble.values()
     ]
     unsure = {(run.system, run.who) for run in results.not_converged}
-    sure = {run: one for run, one in results.figures.items() if (run.system, run.who) not in unsure}
+    sure = {run: figures for run, figures in results.figures.items() if (run.system, run.who) not in unsure}
     return Findings(
         _agreement(agreement.compare(results.cells, results.figures, results.not_converged)),
         _agreement(ensembles.compare(results.cells, results.ensembles)),
-        [one for rows, link in behind for one in ensembles.spreads(rows, link)],
+        [spread for rows, link in behind for spread in ensembles.spreads(rows, link)],
         ensembles.firmness(sure, results.ensembles),
         ensembles.decided(sure),
         _reached(results),
@@ -69,8 +71,8 @@ def find(results: Results) -> Findings:
 
 def _agreement(compared: list[Compared]) -> Agreement:
     stated, ranked = agreement.statements(compared), ranking.rankings(compared)
-    improvements = [one for one in stated if one.what == agreement.IMPROVEMENT]
-    named = [one._replace(what=f"improvement over {one.over}") for one in improvements]
+    improvements = [statement for statement in stated if statement.what == agreement.IMPROVEMENT]
+    named = [statement._replace(what=f"improvement over {statement.over}") for statement in improvements]
     return Agreement(compared, stated, agreement.signs(stated), agreement.signs(named), ranked, ranking.totals(ranked))
 
 

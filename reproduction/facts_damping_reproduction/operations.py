@@ -75,8 +75,8 @@ def complexity() -> list[Count]:
     rows = []
     for printed in operations():
         name, variant = printed.controller, VARIANTS[printed.controller]
-        own = counted(variant.antecedent, variant.consequent, *SHAPE)
-        rows.append(Count(name, "parameters", printed.parameters, own, None))
+        parameters = counted(variant.antecedent, variant.consequent, *SHAPE)
+        rows.append(Count(name, "parameters", printed.parameters, parameters, None))
         both = zip(Operations._fields[2:], printed[2:], strict=True)
         rows += [Count(name, what, theirs, *ours[name, what]) for what, theirs in both]
         rows += [Count(name, what, None, *ours[name, what]) for what in OTHERS]

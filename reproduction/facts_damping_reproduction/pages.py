@@ -48,7 +48,7 @@ def write(results: Results, findings: Findings, folder: Path) -> list[Path]:
 def document(results: Results, findings: Findings) -> dict[str, Any]:
     """The figures as JSON."""
     parts = _lists(results, findings)
-    return {"tables": list(results.tables), **{stem: [_row(one) for one in rows] for stem, rows in parts.items()}}
+    return {"tables": list(results.tables), **{stem: [_row(row) for row in rows] for stem, rows in parts.items()}}
 
 
 def _lists(results: Results, findings: Findings) -> dict[str, Sequence[Any]]:
@@ -73,15 +73,15 @@ def _lists(results: Results, findings: Findings) -> dict[str, Sequence[Any]]:
 
 def _row(row: Any) -> dict[str, Any]:
     """A named tuple as scalars: an interval as three of them, names as one text."""
-    found: dict[str, Any] = {}
+    scalars: dict[str, Any] = {}
     for field, value in row._asdict().items():
         if isinstance(value, Interval):
-            found |= {f"{field}_{end}": number for end, number in value._asdict().items()}
+            scalars |= {f"{field}_{end}": number for end, number in value._asdict().items()}
         elif hasattr(value, "_asdict"):
-            found |= flat(value)
+            scalars |= flat(value)
         else:
-            found[field] = ", ".join(map(str, value)) if isinstance(value, tuple) else value
-    return found
+            scalars[field] = ", ".join(map(str, value)) if isinstance(value, tuple) else value
+    return scalars
 
 
 def _csv(results: Results, findings: Findings, folder: Path) -> list[Path]:
@@ -89,38 +89,40 @@ def _csv(results: Results, findings: Findings, folder: Path) -> list[Path]:
     for stem, rows in _lists(results, findings).items():
         if rows:
             paths.append(folder / f"{stem}.csv")
-            csv.write_csv(table([_row(one) for one in rows]), paths[-1])
+            csv.write_csv(table([_row(row) for row in rows]), paths[-1])
     return paths
 
 
 def _charts(results: Results, findings: Findings, folder: Path) -> list[Path]:
     """Pictures of the agreement."""
-    made: dict[str, Any] = {}
-    if findings.plain.signs_by_reference and any(one.rho is not None for one in findings.plain.rankings):
-        made["verdict"] = charts.verdict(findings.plain.signs_by_reference, findings.plain.rankings)
+    figures: dict[str, Any] = {}
+    if findings.plain.signs_by_reference and any(order.rho is not None for order in findings.plain.rankings):
+        figures["verdict"] = charts.verdict(findings.plain.signs_by_reference, findings.plain.rankings)
     for number in dict.fromkeys(cell.table for cell in results.cells):
         cells = [c for c in findings.plain.compared if c.cell.table == number]
-        made[f"table_{number.replace('.', '_')}"] = charts.of_table(number, TITLES[number], cells)
-    for system in dict.fromkeys(one.system for one in findings.spreads):
+        figures[f"table_{number.replace('.', '_')}"] = charts.of_table(number, TITLES[number], cells)
+    for system in dict.fromkeys(spread.system for spread in findings.spreads):
         plain = {
             (c.cell.scenario, name(c.cell.who)): c.ours
             for c in findings.plain.compared
             if (c.cell.system, c.cell.against, c.cell.quantity) == (system, LLC, charts.SHOWN)
         }
-        own = [
-            one for one in findings.spreads if (one.system, one.link, one.quantity) == (system, "ideal", charts.SHOWN)
+        spreads = [
+            spread
+            for spread in findings.spreads
+            if (spread.system, spread.link, spread.quantity) == (system, "ideal", charts.SHOWN)
         ]
-        made[f"ensemble_{system}"] = charts.ensemble(system, own, plain)
+        figures[f"ensemble_{system}"] = charts.ensemble(system, spreads, plain)
     if results.told:
-        made["variants"] = charts.variants(results.told)
-    for stem, figure in made.items():
+        figures["variants"] = charts.variants(results.told)
+    for stem, figure in figures.items():
         save(figure, folder / f"{stem}.png")
-    return [folder / f"{stem}.png" for stem in made]
+    return [folder / f"{stem}.png" for stem in figures]
 
 
 def _page(results: Results, findings: Findings, command: str, pictures: Sequence[str]) -> str:
     """The paper: its text with the figures in it."""
-    functions = {one.__name__: one for one in extracts.ALL}
+    functions = {extract.__name__: extract for extract in extracts.ALL}
     return render(
         "page.md", results=results, findings=findings, command=command, pictures=pictures, link=LINK, titles=TITLES,
         whole=len(results.tables) == len(TITLES), version=__version__, markdown=markdown, **functions,
@@ -130,7 +132,7 @@ def _page(results: Results, findings: Findings, command: str, pictures: Sequence
 def _html(text: str, folder: Path) -> str:
     """Markdown as a page by itself, pictures inside."""
     body = MarkdownIt("commonmark").enable(["table", "strikethrough"]).render(text)
-    inside = re.sub(r'src="([^":]+\.png)"', lambda found: f'src="{_data(folder / found[1])}"', body)
+    inside = re.sub(r'src="([^":]+\.png)"', lambda match: f'src="{_data(folder / match[1])}"', body)
     wide = inside.replace("<table>", '<div class="scroll" tabindex="0"><table>').replace("</table>", "</table></div>")
     templates = Environment(loader=PackageLoader("facts_damping_reproduction", "."), autoescape=False)  # noqa: S701
     style = files("facts_damping.report") / "page.css"

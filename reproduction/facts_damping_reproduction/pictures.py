@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 BY_STEM = {picture.stem: picture for picture in PICTURES}
 WIDTH, ROW = 11.0, 1.7  # inch
 MAP = "RdBu_r"  # white is zero, blue is negative: interference
-INDIRECT = tuple(ControllerId("MISO", one, "indirect") for one in ("ANFTSC", "ANFLeWC", "HBsWC"))
-CENTRAL = tuple(ControllerId("MIMO", one, "indirect") for one in ("ANFTSC", "ANFLeWC", "HBsWC"))
+INDIRECT = tuple(ControllerId("MISO", network, "indirect") for network in ("ANFTSC", "ANFLeWC", "HBsWC"))
+CENTRAL = tuple(ControllerId("MIMO", network, "indirect") for network in ("ANFTSC", "ANFLeWC", "HBsWC"))
 SINGLE = (*BASELINES, ControllerId("MISO", "ANFTSC", "direct"), ControllerId("MISO", "HBsWC", "direct"), INDIRECT[-1])
 BOTH = (LLC, ControllerId("MIMO", "LLC", None), *CENTRAL)
 
@@ -79,13 +79,13 @@ class Picture(NamedTuple):
 
 def wanted(tables: Sequence[str]) -> list[Picture]:
     """The pictures that go with tables."""
-    found = [
+    pictures = [
         Picture(kind.stem, system, scenario)
         for kind in KINDS
         for system in dict.fromkeys(TABLES[table].system for table in tables if table in kind.tables)
         for scenario in SCENARIOS[system].values()
     ]
-    return sorted(found, key=lambda picture: list(SCENARIOS).index(picture.system))
+    return sorted(pictures, key=lambda picture: list(SCENARIOS).index(picture.system))
 
 
 def plot(folder: Path, picture: Picture) -> Path:
@@ -96,7 +96,7 @@ def plot(folder: Path, picture: Picture) -> Path:
     if kind.parts:
         figure = (side_by_side if kind.columns else overlaid)(title, kind.parts, records)
     else:
-        figure = distributions(title, [one for one in records if _whole(one[1])], SIGNALS[picture.system])
+        figure = distributions(title, [shown for shown in records if _whole(shown[1])], SIGNALS[picture.system])
     save(figure, folder / picture.file)
     return folder / picture.file
 
@@ -114,13 +114,13 @@ def _whole(record: Record) -> bool:
 
 def overlaid(title: str, stems: Sequence[str], records: Sequence[tuple[ControllerId, Record]]) -> Figure:
     """Panels of some pictures below each other, all records in each; a record's n-th panel lies over another's."""
-    found = [(who, record, [_panels(stem, record) for stem in stems]) for who, record in records]
-    rows = [max(len(panels[i]) for _, _, panels in found) for i in range(len(stems))]
+    drawn = [(who, record, [_panels(stem, record) for stem in stems]) for who, record in records]
+    rows = [max(len(panels[i]) for _, _, panels in drawn) for i in range(len(stems))]
     figure = Figure(figsize=(WIDTH, 1.0 + ROW * sum(rows)), layout="constrained")
     axes: Any = figure.subplots(sum(rows), 1, sharex=True, squeeze=False)[:, 0]
-    for place, (who, record, panels) in enumerate(found):
-        for i, own in enumerate(panels):
-            for k, panel in enumerate(own):
+    for place, (who, record, panels) in enumerate(drawn):
+        for i, of_stem in enumerate(panels):
+            for k, panel in enumerate(of_stem):
                 axis = axes[sum(rows[:i]) + k]
                 _curves(axis, record, panel, COLOURS[place % len(COLOURS)], name(who))
                 label = "\n".join(filter(None, (_plain(panel.name, who), BY_STEM[stems[i]].label)))
@@ -131,11 +131,11 @@ def overlaid(title: str, stems: Sequence[str], records: Sequence[tuple[Controlle
 
 def side_by_side(title: str, stems: Sequence[str], records: Sequence[tuple[ControllerId, Record]]) -> Figure:
     """Panels of some pictures below each other, a column a record, with the names of their curves."""
-    found = [(who, record, [p for stem in stems for p in _panels(stem, record)]) for who, record in records]
-    rows = max((len(panels) for _, _, panels in found), default=1)
+    drawn = [(who, record, [p for stem in stems for p in _panels(stem, record)]) for who, record in records]
+    rows = max((len(panels) for _, _, panels in drawn), default=1)
     figure = Figure(figsize=(1.4 * WIDTH, 1.0 + 1.3 * ROW * rows), layout="constrained")
-    axes: Any = figure.subplots(rows, len(found), sharex=True, squeeze=False)
-    for column, (who, record, panels) in enumerate(found):
+    axes: Any = figure.subplots(rows, len(drawn), sharex=True, squeeze=False)
+    for column, (who, record, panels) in enumerate(drawn):
         axes[0, column].set_title(name(who), fontsize="small")
         for axis, panel in zip(axes[:, column], panels, strict=False):
             for i, (label, curve) in enumerate(panel.curves.items()):
@@ -154,16 +154,33 @@ def distributions(title: str, shown: Sequence[tuple[ControllerId, Record]], sign
     figure = Figure(figsize=(1.5 * WIDTH, 1.0 + 1.35 * ROW * len(signals)), layout="constrained")
     axes: Any = figure.subplots(len(signals), len(shown), sharex=True, sharey=True, squeeze=False)
     for row, signal in zip(axes, signals, strict=True):
-        found = [_distribution(record, signal) for _, record in shown]
-        maximum = max((float(np.abs(one.values).max()) for one in found if one is not None), default=0.0) or 1.0
+        maps = [_distribution(record, signal) for _, record in shown]
+        maximum = (
+            max(
+                (float(np.abs(distribution.values).max()) for distribution in maps if distribution is not None),
+                default=0.0,
+            )
+            or 1.0
+        )
         image = None
-        for axis, one in zip(row, found, strict=True):
-            if one is None:
+        for axis, distribution in zip(row, maps, strict=True):
+            if distribution is None:
                 axis.text(0.5, 0.5, "at rest", transform=axis.transAxes, ha="center", color="0.5")
                 continue
-            extent = (one.time_s[0], one.time_s[-1], one.frequency_hz[0], one.frequency_hz[-1])
+            extent = (
+                distribution.time_s[0],
+                distribution.time_s[-1],
+                distribution.frequency_hz[0],
+                distribution.frequency_hz[-1],
+            )
             image = axis.imshow(
-                one.values.T, cmap=MAP, vmin=-maximum, vmax=maximum, origin="lower", aspect="auto", extent=extent
+                distribution.values.T,
+                cmap=MAP,
+                vmin=-maximum,
+                vmax=maximum,
+                origin="lower",
+                aspect="auto",
+                extent=extent,
             )
         if image is not None:
             figure.colorbar(image, ax=list(row), pad=0.01).set_label("W [(p.u.)²/Hz]", fontsize="x-small")
@@ -195,10 +212,12 @@ def _panels(stem: str, record: Record) -> list[Panel]:
 def _plain(label: str, who: ControllerId) -> str:
     """A panel's name without its controller's, which the legend or the column tells."""
     parts = [
-        one for one in label.split("\n") if who.controller not in one.replace("_", "-") and who.controller not in one
+        line
+        for line in label.split("\n")
+        if who.controller not in line.replace("_", "-") and who.controller not in line
     ]
-    own = "identifier" if " identifier" in label else ""
-    return "\n".join(filter(None, (own, *parts)))
+    role = "identifier" if " identifier" in label else ""
+    return "\n".join(filter(None, (role, *parts)))
 
 
 def _curves(axis: Any, record: Record, panel: Panel, colour: str, label: str) -> None:

@@ -112,11 +112,11 @@ def folder() -> Path:
 
 def cells(tables: Iterable[str] = TABLES) -> list[Cell]:
     """The figures of tables, in their order. Raises `InputError` for an unknown table or a damaged file."""
-    found: dict[tuple[str, str, str, str], Cell] = {}
+    by_place: dict[tuple[str, str, str, str], Cell] = {}
     for number in tables:
         check_known("table", number, TABLES)
-        found |= _cells(number)
-    return list(_corrected(found).values())
+        by_place |= _cells(number)
+    return list(_corrected(by_place).values())
 
 
 def operations() -> list[Operations]:
@@ -161,7 +161,7 @@ def _cells(number: str) -> dict[tuple[str, str, str, str], Cell]:
     """The cells of a table by number, scenario as printed, controller and column."""
     path, table = _file(number), TABLES[number]
     names = SCENARIOS[table.system]
-    columns, found = _columns(number), {}
+    columns, by_place = _columns(number), {}
     for row in _rows(path, [*(["scenario"] if table.who else []), "controller", *columns]):
         controller = row["controller"]
         check_known(f"{path}: controller", controller, ["LLC", *VARIANTS])
@@ -172,12 +172,12 @@ def _cells(number: str) -> dict[tuple[str, str, str, str], Cell]:
             check_known(f"{path}: scenario", scenario, names)
             value, text = _number(row[column], path, column), row[column]
             decimals = len(text.partition(".")[2])
-            found[number, scenario, controller, column] = Cell(
+            by_place[number, scenario, controller, column] = Cell(
                 number, table.system, names[scenario], *who, quantity, against, value, value, "", decimals
             )
-    if len(found) != table.figures:
-        raise InputError(f"{path}: {len(found)} figures given; allowed: the {table.figures} of the table")
-    return found
+    if len(by_place) != table.figures:
+        raise InputError(f"{path}: {len(by_place)} figures given; allowed: the {table.figures} of the table")
+    return by_place
 
 
 def _columns(number: str) -> list[str]:
@@ -218,9 +218,9 @@ def _corrected(by_place: dict[tuple[str, str, str, str], Cell]) -> dict[tuple[st
             continue
         cell, printed = by_place.get(key), _number(row["printed"], path, "printed")
         if cell is None or cell.printed != printed or not row["reason"]:
-            given = cell and cell.printed
+            printed_before = cell and cell.printed
             raise InputError(
-                f"{path}: {' '.join(key)}: {printed} given; allowed: the printed figure ({given}), a reason"
+                f"{path}: {' '.join(key)}: {printed} given; allowed: the printed figure ({printed_before}), a reason"
             )
         by_place[key] = cell._replace(corrected=_number(row["corrected"], path, "corrected"), reason=row["reason"])
     return by_place

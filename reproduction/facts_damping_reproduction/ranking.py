@@ -87,17 +87,17 @@ def rankings(compared: Iterable[Compared], seed: int = 0) -> list[Ranking]:
     return [_ranking(key, group, seed) for key, group in groups.items()]
 
 
-def totals(rankings: Sequence[Ranking]) -> list[RankTotal]:
+def totals(orders: Sequence[Ranking]) -> list[RankTotal]:
     """Sums by table, then of all."""
-    tables = list(dict.fromkeys(r.table for r in rankings))
-    rows = [_total(table, [r for r in rankings if r.table == table]) for table in tables]
-    return [*rows, _total("all", rankings)] if rankings else rows
+    tables = list(dict.fromkeys(r.table for r in orders))
+    rows = [_total(table, [r for r in orders if r.table == table]) for table in tables]
+    return [*rows, _total("all", orders)] if orders else rows
 
 
-def mean_ranks(rankings: Sequence[Ranking]) -> list[MeanRank]:
+def mean_ranks(orders: Sequence[Ranking]) -> list[MeanRank]:
     """Mean places over the scenarios, by table, quantity and scheme, best first as the thesis has it."""
     places: dict[tuple[str, str, str, str], list[tuple[float, float]]] = {}
-    for r in rankings:
+    for r in orders:
         for name, theirs, ours in zip(r.controllers, r.theirs, r.ours, strict=True):
             places.setdefault((r.table, r.quantity, r.scheme, name), []).append((theirs, ours))
     rows = [MeanRank(*key, *(float(x) for x in np.mean(pairs, axis=0))) for key, pairs in places.items()]
@@ -117,8 +117,8 @@ def correlation(theirs: Sequence[float], ours: Sequence[float], seed: int = 0) -
     With so few controllers p is not taken from the t distribution but from permutations of `ours`: all of them up to
     seven controllers, otherwise 9999 drawn with the seed.
     """
-    found = rho(np.array(theirs), np.array(ours))
-    if found is None:
+    coefficient = rho(np.array(theirs), np.array(ours))
+    if coefficient is None:
         return None, None
     a = _standard(rankdata(theirs))
 
@@ -133,7 +133,7 @@ def correlation(theirs: Sequence[float], ours: Sequence[float], seed: int = 0) -
         n_resamples=RESAMPLES,
         rng=np.random.default_rng(seed),
     )
-    return found, float(test.pvalue)
+    return coefficient, float(test.pvalue)
 
 
 def _standard(x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -171,8 +171,8 @@ def _first_two(
     return best, next_best
 
 
-def _total(table: str, rankings: Sequence[Ranking]) -> RankTotal:
-    rhos = [r.rho for r in rankings if r.rho is not None]
+def _total(table: str, orders: Sequence[Ranking]) -> RankTotal:
+    rhos = [r.rho for r in orders if r.rho is not None]
     mean, low, high = (float(np.mean(rhos)), min(rhos), max(rhos)) if rhos else (None, None, None)
-    same = (sum(r.same_best for r in rankings), sum(r.same_second for r in rankings), sum(r.same_two for r in rankings))
-    return RankTotal(table, len(rankings), mean, low, high, *same, sum(len(r.far) for r in rankings))
+    same = (sum(r.same_best for r in orders), sum(r.same_second for r in orders), sum(r.same_two for r in orders))
+    return RankTotal(table, len(orders), mean, low, high, *same, sum(len(r.far) for r in orders))

@@ -54,10 +54,12 @@ def delay(margins: Rows) -> Figure:
             ("unstable", "0.7", "synchronism"),
             ("not_damped", COLOURS[0], "damped"),
         ):
-            own = spans[who][criterion]
+            delays = spans[who][criterion]
             shift = 0.17 if criterion == "unstable" else -0.17
-            axes.plot([min(own), max(own)], [place + shift] * 2, color=colour, lw=3, label=words if not place else None)
-            axes.plot(own, [place + shift] * len(own), "|", color=colour, ms=6, mew=2)
+            axes.plot(
+                [min(delays), max(delays)], [place + shift] * 2, color=colour, lw=3, label=words if not place else None
+            )
+            axes.plot(delays, [place + shift] * len(delays), "|", color=colour, ms=6, mew=2)
     axes.set_yticks(range(len(order)), order, fontsize=8)
     axes.invert_yaxis()
     axes.set(xlim=(-0.01, 0.6))
@@ -97,7 +99,7 @@ def agreement(counts: Rows) -> Figure:
     figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
     axes: Any = figure.subplots()
     fractions = [100.0 * int(row["here"]) / int(row["of"]) for row in counts]
-    colours = [COLOURS[0] if one > HOLDS else COLOURS[1] for one in fractions]
+    colours = [COLOURS[0] if fraction > HOLDS else COLOURS[1] for fraction in fractions]
     bars = axes.barh(range(len(counts)), fractions, color=colours)
     texts = [f"{row['here']} of {row['of']}" for row in counts]
     axes.bar_label(bars, texts, fontsize=8, padding=3)
@@ -112,13 +114,13 @@ def agreement(counts: Rows) -> Figure:
 def main(folder: Path) -> None:
     """Draw all figures of a folder."""
     tables = [(words, rows(folder / name / "table_outcomes.csv")) for name, words in CAMPAIGNS]
-    made = {
+    figures = {
         "delay": delay(rows(folder / "delay_margin" / "margins.csv")),
         "supervision": supervision(tables),
         "thesis": agreement(rows(folder / "reproduction" / "agreement.csv")),
     }
     (folder / "results").mkdir(exist_ok=True)
-    for name, figure in made.items():
+    for name, figure in figures.items():
         save_picture(figure, folder / "results" / f"{name}.png", dpi=DPI, metadata={"Software": None})
 
 

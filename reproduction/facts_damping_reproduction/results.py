@@ -32,12 +32,14 @@ LINK = "pdci_100ms"
 # What the search found without and with delay (docs/search.md), as run files; lead-lags beside, by the same search.
 FOUND: dict[str, list[ControllerId]] = {
     system: [
-        ControllerId(runs.FILE, f"{one}_{system}{link}", None) for one in ("best", "lead_lag") for link in ("", "_pdci")
+        ControllerId(runs.FILE, f"{tuning}_{system}{link}", None)
+        for tuning in ("best", "lead_lag")
+        for link in ("", "_pdci")
     ]
     for system in SCENARIOS
 }
 # Networks that they are held against behind the link.
-RIVALS = tuple(ControllerId("MISO", *one) for one in every_scheme(["ANFTSC", "HBsWC"]))
+RIVALS = tuple(ControllerId("MISO", *network_and_scheme) for network_and_scheme in every_scheme(["ANFTSC", "HBsWC"]))
 VARIANT_TABLES = ("4.1", "4.2", "5.1", "5.3")
 
 
@@ -63,9 +65,9 @@ def gather(tables: Sequence[str], draws: int | None, folder: Path, jobs: int) ->
     """
     for table in tables:
         check_known("TABLE", table, TITLES)
-    asked = tuple(one for one in TITLES if one in tables or not tables)
-    own = cells([one for one in asked if one in TABLES])
-    systems = list(dict.fromkeys(cell.system for cell in own))
+    asked = tuple(number for number in TITLES if number in tables or not tables)
+    printed_cells = cells([number for number in asked if number in TABLES])
+    systems = list(dict.fromkeys(cell.system for cell in printed_cells))
     counted = complexity() if OPERATIONS in asked else []
     figures: dict[ComparedRun, dict[str, float] | None] = {}
     ensembles: dict[tuple[str, str], list[Row]] = {}
@@ -73,19 +75,21 @@ def gather(tables: Sequence[str], draws: int | None, folder: Path, jobs: int) ->
     unsure: set[ComparedRun] = set()
     rows = partial(_rows, files.new_folder(folder / "runs"), jobs)
     for system in systems:
-        whos, found = runs.whos(own, system), FOUND[system]
-        few = [*runs.LINEAR, *(one for one in RIVALS if one in whos)]
-        plain = rows(system, {"": whos, "-found": found}, partial(runs.nominal, system, check_step=True))
-        figures |= runs.figures(plain, [*whos, *found])
-        unsure |= runs.not_converged(plain, [*whos, *found])
+        whos, best_found = runs.whos(printed_cells, system), FOUND[system]
+        few = [*runs.LINEAR, *(rival for rival in RIVALS if rival in whos)]
+        plain = rows(system, {"": whos, "-found": best_found}, partial(runs.nominal, system, check_step=True))
+        figures |= runs.figures(plain, [*whos, *best_found])
+        unsure |= runs.not_converged(plain, [*whos, *best_found])
         for scenario in SCENARIOS[system].values():
             place, title = (system, scenario), f"{system}-{scenario}"
             make = partial(runs.ensemble, system, scenario, draws=draws)
-            ensembles[place] = rows(title, {"": whos, "-found": found}, make)
-            delayed[place] = rows(f"{title}-{LINK}", {"": few, "-found": found}, partial(make, link=LINK))
-    told = _variants([one for one in asked if one in VARIANT_TABLES], figures, rows)
+            ensembles[place] = rows(title, {"": whos, "-found": best_found}, make)
+            delayed[place] = rows(f"{title}-{LINK}", {"": few, "-found": best_found}, partial(make, link=LINK))
+    told_rows = _variants([number for number in asked if number in VARIANT_TABLES], figures, rows)
     drawn = _pictures(asked, folder, jobs)
-    return Results(asked, draws, counted, own, figures, ensembles, delayed, told, drawn, frozenset(unsure))
+    return Results(
+        asked, draws, counted, printed_cells, figures, ensembles, delayed, told_rows, drawn, frozenset(unsure)
+    )
 
 
 def _rows(
@@ -96,26 +100,30 @@ def _rows(
     make: Callable[[list[ControllerId]], Study],
 ) -> list[Row]:
     """The rows of groups of controllers by the ends of their titles: a study each, so that one may change alone."""
-    return [row for end, own in groups.items() for row in runs.carry_out(make(own), title + end, journals, jobs)]
+    return [
+        row
+        for end, controllers in groups.items()
+        for row in runs.carry_out(make(controllers), title + end, journals, jobs)
+    ]
 
 
 def _variants(
     tables: Sequence[str], base: dict[ComparedRun, dict[str, float] | None], rows: Callable[..., list[Row]]
 ) -> list[Told]:
     """The tables of improvements with other set-ups; `base`: figures of the set-up of the tables."""
-    found = []
-    own = cells(tables)
+    agreement = []
+    printed_cells = cells(tables)
     for variant in explanations.TABLE if tables else ():
-        kept = [cell for cell in own if cell.system in variant.systems]
+        variant_cells = [cell for cell in printed_cells if cell.system in variant.systems]
         figures: dict[ComparedRun, dict[str, float] | None] = {}
-        for system in dict.fromkeys(cell.system for cell in kept):
-            whos = [who for who in runs.whos(kept, system) if who == LLC or who.scheme]
+        for system in dict.fromkeys(cell.system for cell in variant_cells):
+            whos = [who for who in runs.whos(variant_cells, system) if who == LLC or who.scheme]
             more = None if variant.more is None else partial(variant.more, system)
             make = partial(runs.nominal, system, more=more, **variant.fields)
             title = f"{system}-{variant.name.replace(' ', '-').replace('/', '-')}"
             figures |= runs.figures(rows(title, {"": whos}, make), whos)
-        found += explanations.told(variant.name, kept, figures, base)
-    return found
+        agreement += explanations.told(variant.name, variant_cells, figures, base)
+    return agreement
 
 
 def _pictures(tables: Sequence[str], folder: Path, jobs: int) -> list[Path]:

@@ -27,9 +27,11 @@ if TYPE_CHECKING:
     More = Callable[[ControllerId], dict[str, Any]]  # fields of a run that differ for a controller
 
 # Devices and signals of each; what takes fewer signals is given the first ones.
-ARCHITECTURES = {one: (list(devices), PORTS[devices]) for one, devices in zip(("MISO", "MIMO"), PORTS, strict=True)}
+ARCHITECTURES = {
+    architecture: (list(devices), PORTS[devices]) for architecture, devices in zip(("MISO", "MIMO"), PORTS, strict=True)
+}
 FILE = "run"  # in the place of an architecture: the controllers of a run file
-NOBODY, TUNED, BOUND = (ControllerId("MISO", one, None) for one in (NONE, "LLC-tuned", "LQG"))
+NOBODY, TUNED, BOUND = (ControllerId("MISO", baseline, None) for baseline in (NONE, "LLC-tuned", "LQG"))
 LINEAR = (LLC, TUNED, BOUND)
 BASELINES = (NOBODY, *LINEAR)
 FIGURES = (*THESIS_INDICES, ROUGHNESS)
@@ -37,11 +39,11 @@ FIGURES = (*THESIS_INDICES, ROUGHNESS)
 
 def whos(cells: Iterable[Cell], system: str) -> list[ControllerId]:
     """The controllers behind the cells of a system, after the baselines that are always beside them."""
-    own = [cell for cell in cells if cell.system == system]
-    asked = [who for cell in own for who in (cell.who, cell.against) if who is not None]
+    system_cells = [cell for cell in cells if cell.system == system]
+    asked = [who for cell in system_cells for who in (cell.who, cell.against) if who is not None]
     both = any(who.architecture == "MIMO" for who in asked)
     beside = [who._replace(architecture="MIMO") for who in LINEAR] if both else []
-    return list(dict.fromkeys([*(BASELINES if own else ()), *beside, *asked]))
+    return list(dict.fromkeys([*(BASELINES if system_cells else ()), *beside, *asked]))
 
 
 def changes(who: ControllerId) -> dict[str, Any]:
@@ -52,8 +54,8 @@ def changes(who: ControllerId) -> dict[str, Any]:
     devices, signals = ARCHITECTURES[who.architecture]
     if who.controller == NONE:
         return {"devices": devices, "controllers": []}
-    own = {"name": who.controller, "devices": devices, "signals": signals[: kind(who.controller).signals]}
-    return {"devices": devices, "controllers": [own if who.scheme is None else {**own, "scheme": who.scheme}]}
+    row = {"name": who.controller, "devices": devices, "signals": signals[: kind(who.controller).signals]}
+    return {"devices": devices, "controllers": [row if who.scheme is None else {**row, "scheme": who.scheme}]}
 
 
 def nominal(
@@ -76,13 +78,17 @@ def ensemble(
 
 
 def shipped(
-    name: str, everybody: dict[str, Any], draws: int | None = None, fields: Mapping[str, Any] | None = None, **more: Any
+    run_name: str,
+    everybody: dict[str, Any],
+    draws: int | None = None,
+    fields: Mapping[str, Any] | None = None,
+    **more: Any,
 ) -> Study:
     """A shipped study with the axis of everybody behind its own.
 
     `draws`: how many, none: as in its file; `fields` of the run and `more` of the study differ.
     """
-    path = files.find("studies", name)
+    path = files.find("studies", run_name)
     content = files.read_table(path)
     drawn = next(axis["draws"] for axis in content["sweep"] if "draws" in axis)
     drawn["number"] = draws or drawn["number"]
@@ -101,17 +107,17 @@ def carry_out(study: Study, title: str, folder: Path, jobs: int) -> list[Row]:
     plan = sweep.planned(study, title, title, dump(study.model_dump(exclude_defaults=True)))
     progress = Progress(title, "runs")
     try:
-        found = sweep.run(plan, folder / f"{title}-{plan.fingerprint[:12]}", jobs, None, progress)
+        states = sweep.run(plan, folder / f"{title}-{plan.fingerprint[:12]}", jobs, None, progress)
     finally:
         progress.close()
-    return [row.cells for row in sweep.rows(found)]
+    return [row.cells for row in sweep.rows(states)]
 
 
 def figures(rows: Iterable[Row], asked: Sequence[ControllerId]) -> dict[ComparedRun, dict[str, float] | None]:
     """Indices and roughness of each run of a system; none where it lost synchronism."""
     by_name = {name(who): who for who in asked}
     return {
-        ComparedRun(row["system"], row["scenario"], by_name[row["who"]]): {one: row[one] for one in FIGURES}
+        ComparedRun(row["system"], row["scenario"], by_name[row["who"]]): {figure: row[figure] for figure in FIGURES}
         if row["error"] is None and row["stable"]
         else None
         for row in rows
@@ -128,9 +134,11 @@ def not_converged(rows: Iterable[Row], asked: Sequence[ControllerId]) -> set[Com
     }
 
 
-def reached(figures: Mapping[ComparedRun, Mapping[str, float] | None], run: ComparedRun, index: str) -> float | None:
+def reached(
+    run_figures: Mapping[ComparedRun, Mapping[str, float] | None], run: ComparedRun, index: str
+) -> float | None:
     """How much of the way from LLC to the bound a controller's index has come, %: 100 (LLC - own) / (LLC - bound)."""
-    own, llc, bound = (figures.get(run._replace(who=who)) for who in (run.who, LLC, BOUND))
-    if own is None or llc is None or bound is None or llc[index] == bound[index]:
+    candidate, llc, bound = (run_figures.get(run._replace(who=who)) for who in (run.who, LLC, BOUND))
+    if candidate is None or llc is None or bound is None or llc[index] == bound[index]:
         return None
-    return 100 * (llc[index] - own[index]) / (llc[index] - bound[index])
+    return 100 * (llc[index] - candidate[index]) / (llc[index] - bound[index])

@@ -85,17 +85,17 @@ def event(random: Random, grid: Grid, i: int, start: float = START) -> list[dict
 
 def usual(random: Random, grid: Grid) -> dict[str, Any]:
     """What varies in every case: loads, dispatch, noise, delay, loss, seed."""
-    found: dict[str, Any] = scaled(grid.loads, number(random, 0.97, 1.03))
-    found |= {name: float(f"{value * number(random, 0.95, 1.05):.6g}") for name, value in grid.units.items()}
-    found |= {
+    fields: dict[str, Any] = scaled(grid.loads, number(random, 0.97, 1.03))
+    fields |= {name: float(f"{value * number(random, 0.95, 1.05):.6g}") for name, value in grid.units.items()}
+    fields |= {
         "load_noise.std": number(random, 0.005, 0.015),
         "measurement.noise.frequency": number(random, 3e-4, 3e-3, logarithmic=True),
     }
-    found |= {
+    fields |= {
         "link.up.1.delay": number(random, 0.003, 0.063),
         "link.up.4.loss": number(random, 1e-3, 0.02, logarithmic=True),
     }
-    return found | {"seed": int(random.integers(2**31))}
+    return fields | {"seed": int(random.integers(2**31))}
 
 
 def late(kind: str) -> float:
@@ -105,22 +105,22 @@ def late(kind: str) -> float:
 
 def case(random: Random, grid: Grid, kind: str, i: int) -> dict[str, Any]:
     """A case of a kind."""
-    found = {**usual(random, grid), "scenario": event(random, grid, i)}
+    changes = {**usual(random, grid), "scenario": event(random, grid, i)}
     if kind == "drift":
         _, most, units = grid.drift
-        found |= scaled(grid.loads, number(random, 1.0 - most, 1.0 + most))
-        found |= {name: number(random, low, high) for name, (low, high) in units.items()}
+        changes |= scaled(grid.loads, number(random, 1.0 - most, 1.0 + most))
+        changes |= {name: number(random, low, high) for name, (low, high) in units.items()}
     elif kind == "wrong model":
         for fields in grid.wrong.values():
-            found |= scaled(fields, number(random, 0.7, 1.3))
+            changes |= scaled(fields, number(random, 0.7, 1.3))
         if i % 3 == 0:
-            found |= grid.out
-            found["scenario"] = [{**one, "line": grid.out_line} for one in event(random, grid, 1)]
+            changes |= grid.out
+            changes["scenario"] = [{**event_of_case, "line": grid.out_line} for event_of_case in event(random, grid, 1)]
     elif kind == "loss" and i % 2:
-        found["link.up.4.loss"] = number(random, 0.1, 0.4)
+        changes["link.up.4.loss"] = number(random, 0.1, 0.4)
     elif kind == "loss":
         bursts = {"stage": "network", "model": "gilbert_elliott", "p_GB": 0.02, "p_BG": number(random, 0.05, 0.2)}
-        found["link.up.+"] = {**bursts, "loss_G": 0.0, "loss_B": 1.0}
+        changes["link.up.+"] = {**bursts, "loss_G": 0.0, "loss_B": 1.0}
     elif kind == "bad PMU":
         bad: list[dict[str, Any]] = [
             {"model": "freeze"},
@@ -128,15 +128,15 @@ def case(random: Random, grid: Grid, kind: str, i: int) -> dict[str, Any]:
             {"model": "noise", "std": 2e-3},
             {"model": "scale", "factor": 3.0},
         ]
-        found["link.up.+"] = {"stage": "pmu", **bad[i % 4], "start": START, "channels": [grid.pmus[i % 2]]}
-        found["link.up.+"] |= {} if i % 4 == 0 else {"measurement": "frequency"}
+        changes["link.up.+"] = {"stage": "pmu", **bad[i % 4], "start": START, "channels": [grid.pmus[i % 2]]}
+        changes["link.up.+"] |= {} if i % 4 == 0 else {"measurement": "frequency"}
     elif kind == "device lost":
-        found["link.down.+"] = {"stage": "actuator", "model": "bernoulli", "loss": 1.0, "start": START}
+        changes["link.down.+"] = {"stage": "actuator", "model": "bernoulli", "loss": 1.0, "start": START}
     elif kind == "wrong sign":
-        found["link.down.+"] = {"stage": "actuator", "model": "scale", "factor": -1.0, "start": START}
+        changes["link.down.+"] = {"stage": "actuator", "model": "scale", "factor": -1.0, "start": START}
     elif kind == "noise":
-        found |= {"scenario": [], "duration": 40.0}
-    return {"kind": kind, "set": found}
+        changes |= {"scenario": [], "duration": 40.0}
+    return {"kind": kind, "set": changes}
 
 
 def drawn(grid: Grid) -> dict[str, Any]:
@@ -146,7 +146,7 @@ def drawn(grid: Grid) -> dict[str, Any]:
     cases = []
     for kind in KINDS:
         if kind.startswith("delay"):  # the same cases with each delay
-            cases += [{"kind": kind, "set": {**one, "link.up.1.delay": late(kind)}} for one in delayed]
+            cases += [{"kind": kind, "set": {**case_set, "link.up.1.delay": late(kind)}} for case_set in delayed]
         else:
             cases += [case(random, grid, kind, i) for i in range(grid.numbers.get(kind, 4))]
     return {

@@ -48,26 +48,26 @@ def page(results: Results, findings: Findings, command: str) -> list[str]:
 
 
 def _operations(results: Results) -> list[str]:
-    told = [f"- `{controller}`: {why}" for controller, why in WHY.items()]
+    reasons = [f"- `{controller}`: {why}" for controller, why in WHY.items()]
     head = "Theirs / ours / ours with all derivatives of a step (docs/neuro_fuzzy.md):"
-    return [head, "", *operations(results.complexity), "", "Where they differ:", "", *told, ""]
+    return [head, "", *operations(results.complexity), "", "Where they differ:", "", *reasons, ""]
 
 
 def _table(table: str, results: Results, findings: Findings) -> list[str]:
     compared = [c for c in findings.plain.compared if c.cell.table == table]
     lines = [f"![Table {table}: theirs against ours](table_{table.replace('.', '_')}.png)", ""]
     for scenario in dict.fromkeys(c.cell.scenario for c in compared):
-        own = [c for c in compared if c.cell.scenario == scenario]
-        lines += [f"### {own[0].cell.system}, {scenario}", ""]
-        for against in dict.fromkeys(c.cell.against for c in own):
-            kept = [c for c in own if c.cell.against == against]
+        scenario_rows = [c for c in compared if c.cell.scenario == scenario]
+        lines += [f"### {scenario_rows[0].cell.system}, {scenario}", ""]
+        for against in dict.fromkeys(c.cell.against for c in scenario_rows):
+            reference_rows = [c for c in scenario_rows if c.cell.against == against]
             over = f"Improvement over {name(against)}:" if against else "Roughness:"
-            lines += [over, "", *_cells(kept, results), ""]
-        if own[0].cell.against is None:
-            lines += [_smooth_beside(own, results), ""]
-        for against in BESIDE if own[0].cell.against else ():
-            kept = [c for c in own if c.cell.against == LLC]
-            lines += [f"Improvement over {name(against)}:", "", *_beside(kept, against, results), ""]
+            lines += [over, "", *_cells(reference_rows, results), ""]
+        if scenario_rows[0].cell.against is None:
+            lines += [_smooth_beside(scenario_rows, results), ""]
+        for against in BESIDE if scenario_rows[0].cell.against else ():
+            reference_rows = [c for c in scenario_rows if c.cell.against == LLC]
+            lines += [f"Improvement over {name(against)}:", "", *_beside(reference_rows, against, results), ""]
         rankings = [r for r in findings.plain.rankings if (r.table, r.scenario) == (table, scenario)]
         lines += ["Orders:", "", *markdown(rankings, ["quantity", "scheme"], ORDER, ".2f"), ""]
     broken = [s for s in findings.plain.statements if s.table == table and not s.agrees]
@@ -84,11 +84,14 @@ def _cells(comparisons: Sequence[Compared], results: Results) -> list[str]:
     columns = list(dict.fromkeys(_column(c, smooth=smooth) for c in comparisons))
     rows = dict.fromkeys(c.cell.controller for c in comparisons)
     at = {(c.cell.controller, _column(c, smooth=smooth)): c for c in comparisons}
-    made = [
-        [controller, *(_cell(at[controller, one], results) if (controller, one) in at else "" for one in columns)]
+    table_rows = [
+        [
+            controller,
+            *(_cell(at[controller, column], results) if (controller, column) in at else "" for column in columns),
+        ]
         for controller in rows
     ]
-    return tables.table(["controller", *columns], made, markdown=True)
+    return tables.table(["controller", *columns], table_rows, markdown=True)
 
 
 def _beside(comparisons: Sequence[Compared], against: ControllerId, results: Results) -> list[str]:
@@ -98,8 +101,8 @@ def _beside(comparisons: Sequence[Compared], against: ControllerId, results: Res
     for c in comparisons:
         other = c.cell._replace(against=against)
         ours = compare([other], results.figures)[0].ours
-        told = "-" if ours is None else f"{ours:.4g}"
-        rows.setdefault(c.cell.controller, []).append(f"{told}; {_median(other, results)}")
+        figure_text = "-" if ours is None else f"{ours:.4g}"
+        rows.setdefault(c.cell.controller, []).append(f"{figure_text}; {_median(other, results)}")
     return tables.table(["controller", *columns], [[who, *cells] for who, cells in rows.items()], markdown=True)
 
 
@@ -109,10 +112,12 @@ def _smooth_beside(comparisons: Sequence[Compared], results: Results) -> str:
         comparisons[0].cell[1:3],
         dict.fromkeys(c.cell.architecture for c in comparisons),
     )
-    whos = [who._replace(architecture=one) for one in architectures for who in BESIDE]
-    found = {name(who): results.figures[ComparedRun(system, scenario, who)] for who in whos}
-    told = [f"{who} {'-' if one is None else format(one[ROUGHNESS], '.4g')}" for who, one in found.items()]
-    return f"Ours alone: {', '.join(told)}."
+    whos = [who._replace(architecture=architecture) for architecture in architectures for who in BESIDE]
+    by_name = {name(who): results.figures[ComparedRun(system, scenario, who)] for who in whos}
+    texts = [
+        f"{who} {'-' if figures is None else format(figures[ROUGHNESS], '.4g')}" for who, figures in by_name.items()
+    ]
+    return f"Ours alone: {', '.join(texts)}."
 
 
 def _column(c: Compared, *, smooth: bool) -> str:

@@ -27,9 +27,9 @@ PYOMA = np.array([(0.59918, 0.03875, 0.0073, 0.0125), (1.15445, 0.09053, 0.0162,
 
 
 def fitted(x: np.ndarray) -> Fit:
-    found = fit_ambient(np.arange(len(x)) / RATE, x)
-    assert found is not None
-    return found
+    fit = fit_ambient(np.arange(len(x)) / RATE, x)
+    assert fit is not None
+    return fit
 
 
 def figures(fit: Fit) -> np.ndarray:
@@ -40,10 +40,10 @@ def figures(fit: Fit) -> np.ndarray:
 
 
 def test_ambient_modes_agree_with_pyoma() -> None:
-    found = figures(fitted(ambient(same_noise())))
-    assert len(found) == 2
-    assert (np.abs(found[:, :2] - PYOMA[:, :2]) < 0.25 * PYOMA[:, 2:]).all()  # they take lag 1, too
-    ratio = found[:, 2:] / PYOMA[:, 2:]
+    measured = figures(fitted(ambient(same_noise())))
+    assert len(measured) == 2
+    assert (np.abs(measured[:, :2] - PYOMA[:, :2]) < 0.25 * PYOMA[:, 2:]).all()  # they take lag 1, too
+    ratio = measured[:, 2:] / PYOMA[:, 2:]
     assert ((ratio > 0.6) & (ratio < 1.7)).all()
 
 
@@ -51,8 +51,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """60 records of 5 minutes: of 240 intervals of 95 %, 228 +- 3.4 would; and they are no wider than needed."""
     random, held, off, sure = np.random.default_rng(1), [], [], []
     for _ in range(60):
-        found = figures(fitted(ambient(random.standard_normal((3000, 6)))))
-        nearest = found[[int(np.argmin(np.abs(found[:, 0] - frequency))) for frequency, _ in MODES]]
+        intervals = figures(fitted(ambient(random.standard_normal((3000, 6)))))
+        nearest = intervals[[int(np.argmin(np.abs(intervals[:, 0] - frequency))) for frequency, _ in MODES]]
         held.append(np.abs(nearest[:, :2] - MODES) <= COVERED * nearest[:, 2:])
         off.append(nearest[:, :2] - MODES)
         sure.append(nearest[:, 2:])
@@ -79,8 +79,8 @@ def test_noise_of_measurement_does_not_matter() -> None:
     """As much of it as of the signal, in the covariance at lag 0 alone."""
     random = np.random.default_rng(3)
     x = ambient(random.standard_normal((6000, 6)))
-    one, other = figures(fitted(x)), figures(fitted(x + x.std(axis=0) * random.standard_normal(x.shape)))
-    assert (np.abs(one[0, :2] - other[0, :2]) < 1.5 * other[0, 2:]).all()
+    clean, other = figures(fitted(x)), figures(fitted(x + x.std(axis=0) * random.standard_normal(x.shape)))
+    assert (np.abs(clean[0, :2] - other[0, :2]) < 1.5 * other[0, 2:]).all()
 
 
 def test_unit_and_a_signal_at_rest_do_not_matter() -> None:
@@ -118,16 +118,16 @@ AMBIENT = load_case("two_area_ambient", ["duration=300"])
 def test_run_tells_the_modes_of_the_linear_loop() -> None:
     """Five minutes of two areas with a controller; the open loop's mode grows."""
     record = loop.run(AMBIENT)
-    told: Any = summarise(record)
-    assert (told.modes_method, told.stable) == ("ssi", True)
-    s, mode = interarea(AMBIENT), told.modes[0]
+    summary: Any = summarise(record)
+    assert (summary.modes_method, summary.stable) == ("ssi", True)
+    s, mode = interarea(AMBIENT), summary.modes[0]
     assert mode.frequency_hz == pytest.approx(s.imag / (2 * np.pi), rel=0.03)
     for value, of in ((s.imag / (2 * np.pi), "frequency"), (-s.real / abs(s), "damping_ratio")):
         name, error = ("frequency_hz", "frequency_error_hz") if of == "frequency" else (of, f"{of}_error")
         low, high = interval(getattr(mode, name), getattr(mode, error))
         assert low <= value <= high
     assert 0.0 < mode.damping_ratio_error < 0.015
-    text = "\n".join(lines(["run"], [told], [details(record)], 0))
+    text = "\n".join(lines(["run"], [summary], [details(record)], 0))
     assert "8 poles" in text
     assert f"frequency {mode.frequency_hz:.4f} Hz ± " in text
     asked: Any = summarise(record, method="matrix_pencil")

@@ -34,7 +34,7 @@ def test_centre_of_angle_weighs_by_stored_energy() -> None:
 
 def areas(record: Record, **system: Any) -> Record:
     data = (("G1", "west", 900.0, 6.0), ("G2", "east", 300.0, 2.0))
-    machines = [dict(zip(("name", "area", "rating", "H"), one, strict=True)) for one in data]
+    machines = [dict(zip(("name", "area", "rating", "H"), row, strict=True)) for row in data]
     record.configuration["system"] = {"machines": machines, **system}
     return record
 
@@ -44,10 +44,10 @@ def areas(record: Record, **system: Any) -> Record:
 def test_turning_all_machines_moves_no_area(swing_record: Callable[..., Record], turn: float) -> None:
     record = areas(swing_record(10))
     record.machines["rotor_angle"] = [turn + 1.0, turn]
-    found = centres_of_angle(record)
-    assert list(found) == ["west", "east"]
-    assert found["west"] == pytest.approx(np.full(10, 0.1), abs=1e-9)  # 1 less the centre at 0.9
-    assert found["east"] == pytest.approx(np.full(10, -0.9), abs=1e-9)
+    centres = centres_of_angle(record)
+    assert list(centres) == ["west", "east"]
+    assert centres["west"] == pytest.approx(np.full(10, 0.1), abs=1e-9)  # 1 less the centre at 0.9
+    assert centres["east"] == pytest.approx(np.full(10, -0.9), abs=1e-9)
 
 
 def test_against_an_infinite_bus_angles_stand(swing_record: Callable[..., Record]) -> None:
@@ -63,55 +63,55 @@ def test_without_data_no_centre(swing_record: Callable[..., Record]) -> None:
 
 @pytest.fixture(scope="module")
 def learnt() -> Record:
-    own = ["controllers=[{name: HBsWC, scheme: indirect}]", "link=delay_100ms", "duration=4"]
-    return loop.run(load_case("two_area_small", own))
+    sets = ["controllers=[{name: HBsWC, scheme: indirect}]", "link=delay_100ms", "duration=4"]
+    return loop.run(load_case("two_area_small", sets))
 
 
 def test_centre_of_angle_moves_with_the_speeds_of_its_area(learnt: Record) -> None:
     """d(delta)/dt = w0 dw: the centre's slope is the mean speed deviation, weighed alike, less that of all machines."""
-    found = centres_of_angle(learnt)
-    assert list(found) == ["area_1", "area_2"]
-    machines = {one["name"]: one for one in learnt.configuration["system"]["machines"]}
+    centres = centres_of_angle(learnt)
+    assert list(centres) == ["area_1", "area_2"]
+    machines = {machine["name"]: machine for machine in learnt.configuration["system"]["machines"]}
     weights = np.array([machines[name]["rating"] * machines[name]["H"] for name in learnt.machine_names])
     first = np.array([machines[name]["area"] == "area_1" for name in learnt.machine_names])
     speeds = learnt.machines["speed_deviation"]
     mean = speeds[:, first] @ weights[first] / weights[first].sum() - speeds @ weights / weights.sum()
-    slope = np.gradient(found["area_1"], learnt.time_s) / (2 * np.pi * learnt.configuration["system"]["frequency"])
+    slope = np.gradient(centres["area_1"], learnt.time_s) / (2 * np.pi * learnt.configuration["system"]["frequency"])
     late = learnt.time_s > 1.2
     assert slope[late] == pytest.approx(mean[late], abs=0.02 * np.abs(mean).max())
     assert np.abs(learnt.frames[:, 0, SPEED]).max() > 0
 
 
 def test_histories_of_a_run(learnt: Record) -> None:
-    ((key, one),) = jacobian_histories(learnt).items()
+    ((key, history),) = jacobian_histories(learnt).items()
     assert key == (learnt.controller_names[0], 0, "sssc")
-    assert np.array_equal(one.values, learnt.estimates["jacobian"])
-    assert one.time_s == pytest.approx(learnt.time_s, abs=1e-8)
+    assert np.array_equal(history.values, learnt.estimates["jacobian"])
+    assert history.time_s == pytest.approx(learnt.time_s, abs=1e-8)
     rates = learning_rate_histories(learnt)
     name = learnt.controller_names[0]
     assert {key[:3] for key in rates} == {(name, False, 0), (name, True, 0)}
-    for (_, identifier, output, group), one in rates.items():
+    for (_, identifier, output, group), history in rates.items():
         rows = learnt.learning
         same = (rows["identifier"] == identifier) & (rows["output"] == output) & (rows["group"] == group)
-        assert np.array_equal(one.values, rows["rate"][same])
-        assert len(one.time_s) == len(learnt.time_ns)
+        assert np.array_equal(history.values, rows["rate"][same])
+        assert len(history.time_s) == len(learnt.time_ns)
 
 
 def test_groups_that_learn_alike_are_one_history(swing_record: Callable[..., Record]) -> None:
     rows = np.zeros(12, LEARNING)
     rows["tick"], rows["group"] = np.repeat(np.arange(4), 3), np.tile([0, 1, 2], 4)
     rows["rate"] = np.tile([0.1, 0.1, 0.2], 4)
-    found = learning_rate_histories(swing_record(learning=rows))
-    assert [key[3] for key in found] == [0, 2]
+    histories = learning_rate_histories(swing_record(learning=rows))
+    assert [key[3] for key in histories] == [0, 2]
 
 
 def test_jacobian_of_each_signal_has_a_history(swing_record: Callable[..., Record]) -> None:
     rows = np.zeros(6, ESTIMATE)
     rows["tick"], rows["signal"] = np.repeat([0, 1, 5], 2), np.tile([0, 1], 3)
     rows["jacobian"] = [1, 10, 2, 20, 3, 30]
-    found = jacobian_histories(swing_record(estimates=rows))
-    assert found["controller_0_LLC", 0, "sssc"].values.tolist() == [1, 2, 3]
-    assert found["controller_0_LLC", 1, "sssc"].values.tolist() == [10, 20, 30]
-    assert found["controller_0_LLC", 1, "sssc"].time_s == pytest.approx([0, 1 / 60, 5 / 60])
+    histories = jacobian_histories(swing_record(estimates=rows))
+    assert histories["controller_0_LLC", 0, "sssc"].values.tolist() == [1, 2, 3]
+    assert histories["controller_0_LLC", 1, "sssc"].values.tolist() == [10, 20, 30]
+    assert histories["controller_0_LLC", 1, "sssc"].time_s == pytest.approx([0, 1 / 60, 5 / 60])
     assert jacobian_histories(swing_record()) == {}
     assert learning_rate_histories(swing_record()) == {}

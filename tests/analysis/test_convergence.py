@@ -52,8 +52,8 @@ def test_digits_by_hand(value: float, change: float, text: str) -> None:
 
 def checked(sets: list[str]) -> Summary:
     case = load_case(None, sets)
-    told, finer = (summarise(loop.run(one)) for one in (case, loop.with_half_step(case)))
-    return convergence.compare(told, finer)
+    summary, finer = (summarise(loop.run(run_case)) for run_case in (case, loop.with_half_step(case)))
+    return convergence.compare(summary, finer)
 
 
 def test_lead_lag_converges_and_a_network_that_chatters_does_not() -> None:
@@ -75,10 +75,10 @@ def test_lead_lag_converges_and_a_network_that_chatters_does_not() -> None:
 def test_by_command(tmp_path: Path) -> None:
     asked = ["simulate", "--set", "duration=2", "--check-step", "--json", str(tmp_path / "a.json")]
     assert main(asked) == 0
-    found = json.loads((tmp_path / "a.json").read_text())
-    assert found["converged"] is True
-    assert set(found["step_change"]) >= {"ITAE", "IAE", "ITSE", "ISE", "roughness"}
-    assert main([one for one in asked if one != "--check-step"]) == 0
+    document = json.loads((tmp_path / "a.json").read_text())
+    assert document["converged"] is True
+    assert set(document["step_change"]) >= {"ITAE", "IAE", "ITSE", "ISE", "roughness"}
+    assert main([word for word in asked if word != "--check-step"]) == 0
     assert "converged" not in json.loads((tmp_path / "a.json").read_text())
 
 
@@ -89,6 +89,6 @@ def test_in_a_comparison(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert all(row["converged"] for row in rows if row["controller"] == "LLC")
     open_ = [row for row in rows if row["converged"] is False and row["stable"]]
     assert open_
-    told = capsys.readouterr().out
-    assert f"{len(open_)} not converged" in told.splitlines()[0]
-    assert f"~{open_[0]['ITAE']:.1g}" in told
+    output = capsys.readouterr().out
+    assert f"{len(open_)} not converged" in output.splitlines()[0]
+    assert f"~{open_[0]['ITAE']:.1g}" in output

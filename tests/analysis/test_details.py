@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 
 def test_details_of_a_damped_run(swing_record: Callable[..., Record]) -> None:
-    found = details(swing_record())
-    json.dumps(finite(found), allow_nan=False)
-    assert set(found.regions) == {"ITAE", "IAE", "ITSE", "ISE"}
-    for region in found.regions.values():
+    figures = details(swing_record())
+    json.dumps(finite(figures), allow_nan=False)
+    assert set(figures.regions) == {"ITAE", "IAE", "ITSE", "ISE"}
+    for region in figures.regions.values():
         assert region is not None
         assert 1.0 < region.cliff_from_s < region.cliff_to_s < 20.0  # the load steps at 1 s
-    assert found.latency_hops_ms["whole"]["sssc"].max == 120.0
+    assert figures.latency_hops_ms["whole"]["sssc"].max == 120.0
 
 
 def test_of_a_run_that_is_lost_there_is_no_improvement(swing_record: Callable[..., Record]) -> None:

@@ -51,9 +51,9 @@ def test_too_short_or_no_device() -> None:
 
 
 def test_record_roughness(swing_record: Callable[..., Record]) -> None:
-    found = record_roughness(swing_record())
-    assert found["per_second"] == pytest.approx(3600 * found["per_frame"], rel=1e-6)
-    assert found["per_frame"] > 0
+    roughness_found = record_roughness(swing_record())
+    assert roughness_found["per_second"] == pytest.approx(3600 * roughness_found["per_frame"], rel=1e-6)
+    assert roughness_found["per_frame"] > 0
 
 
 def test_peak_voltage(swing_record: Callable[..., Record]) -> None:
@@ -67,8 +67,8 @@ def test_peak_voltage(swing_record: Callable[..., Record]) -> None:
 def test_latency(swing_record: Callable[..., Record]) -> None:
     applied = np.zeros(101, SETPOINT)
     applied["effective_ns"] = np.arange(101) * 1_000_000
-    found = latency(swing_record(applied=applied))
-    assert found._asdict() == pytest.approx({"mean": 50, "p50": 50, "p99": 99, "max": 100})
+    latencies = latency(swing_record(applied=applied))
+    assert latencies._asdict() == pytest.approx({"mean": 50, "p50": 50, "p99": 99, "max": 100})
     nothing = latency(swing_record(applied=applied[:0]))
     assert nothing == (None, None, None, None)
 
@@ -91,8 +91,8 @@ def test_frames_lost(swing_record: Callable[..., Record], seed: int, lost: int) 
     record = swing_record(200)
     random = np.random.default_rng(seed)
     dropped = random.choice(len(record.delivered), lost, replace=False)
-    kept = random.permutation(np.delete(record.delivered, dropped))
-    assert frames_lost(swing_record(200, delivered=kept)) == lost
+    arrived = random.permutation(np.delete(record.delivered, dropped))
+    assert frames_lost(swing_record(200, delivered=arrived)) == lost
 
 
 def test_entries_under_way_are_not_lost(swing_record: Callable[..., Record]) -> None:
@@ -148,8 +148,8 @@ def test_saturation_duty_of_each_device(swing_record: Callable[..., Record]) -> 
 @given(values=st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=50))
 def test_cdf_is_the_share_that_is_not_above(values: list[float]) -> None:
     x, fraction = cdf(np.array(values))
-    for one, part in zip(x, fraction, strict=True):
-        assert part <= np.mean(np.array(values) <= one) + 1e-12
+    for point, part in zip(x, fraction, strict=True):
+        assert part <= np.mean(np.array(values) <= point) + 1e-12
     assert fraction[-1] == 1.0
     assert x.tolist() == sorted(values)
 
@@ -160,11 +160,11 @@ def test_hops_of_constant_delays(swing_record: Callable[..., Record]) -> None:
     record.delivered["arrival_ns"][record.delivered["pmu"] == 1] += 5_000_000  # for it the controller waits
     record.applied["issued_ns"] = record.applied["measured_ns"] + 85_000_000
     record.issued["issued_ns"] = record.applied["issued_ns"]
-    found = hops_ms(record)
-    assert {who: set(values.tolist()) for who, values in found["up"].items()} == {"G1": {80}, "G2": {85}, "TIE": {80}}
-    assert set(found["wait"]["controller_0_LLC"].tolist()) == {5}
-    assert set(found["down"]["sssc"].tolist()) == {35}
-    assert np.array_equal(found["whole"]["sssc"], ages_ms(record))
+    hops = hops_ms(record)
+    assert {who: set(values.tolist()) for who, values in hops["up"].items()} == {"G1": {80}, "G2": {85}, "TIE": {80}}
+    assert set(hops["wait"]["controller_0_LLC"].tolist()) == {5}
+    assert set(hops["down"]["sssc"].tolist()) == {35}
+    assert np.array_equal(hops["whole"]["sssc"], ages_ms(record))
 
 
 def test_latency_of_a_controller_is_that_of_its_own_link() -> None:
@@ -176,10 +176,10 @@ def test_latency_of_a_controller_is_that_of_its_own_link() -> None:
     ]
     sets = ["devices=[sssc, statcom]", f"controllers={json.dumps(controllers)}", "link=delay_100ms", "duration=3"]
     record = loop.run(load_case("two_area_small", sets))
-    found = hops_ms(record)
-    assert {name for name in found["up"] if name.startswith("G1")} == {"G1/0", "G1/1"}
-    assert set(found["up"]["G1/0"].tolist()) == {70}
-    assert set(found["up"]["G1/1"].tolist()) == {60}
-    assert [set(found["wait"][name].tolist()) for name in record.controller_names] == [{0.0}, {0.0}]
-    assert set(found["down"]["sssc"].tolist()) == {30}
-    assert set(found["whole"]["statcom"].tolist()) == {60}
+    hops = hops_ms(record)
+    assert {name for name in hops["up"] if name.startswith("G1")} == {"G1/0", "G1/1"}
+    assert set(hops["up"]["G1/0"].tolist()) == {70}
+    assert set(hops["up"]["G1/1"].tolist()) == {60}
+    assert [set(hops["wait"][name].tolist()) for name in record.controller_names] == [{0.0}, {0.0}]
+    assert set(hops["down"]["sssc"].tolist()) == {30}
+    assert set(hops["whole"]["statcom"].tolist()) == {60}

@@ -19,13 +19,13 @@ def test_damped_sines(name: str, index: Index) -> None:
     def waves(t: float) -> tuple[float, float]:
         return np.exp(-0.2 * t) * np.sin(3 * t), 0.5 * np.exp(-0.4 * t) * np.sin(7 * t)
 
-    found = performance_indices(t, np.column_stack([np.broadcast_to(w, t.shape) for w in waves(t)]))[name]  # type: ignore[arg-type]
+    index_value = performance_indices(t, np.column_stack([np.broadcast_to(w, t.shape) for w in waves(t)]))[name]  # type: ignore[arg-type]
     kinks = sorted([*np.arange(0, 20, np.pi / 3), *np.arange(0, 20, np.pi / 7)])
     parts = [
         integrate.quad(lambda t: t**r * sum(abs(w) ** s for w in waves(t)), low, high)[0]
         for low, high in zip(kinks, [*kinks[1:], 20], strict=True)
     ]
-    assert found == pytest.approx(sum(parts), rel=1e-6)
+    assert index_value == pytest.approx(sum(parts), rel=1e-6)
 
 
 def test_constant() -> None:
@@ -75,13 +75,17 @@ def test_regions_of_an_error_that_comes_at_one_instant_and_decays() -> None:
     t = np.linspace(0, 60, 60_001)
     times, curves = index_curves(t, np.where(t < 2, 0.0, np.exp(-(t - 2))))
     for name, rate in (("IAE", 1.0), ("ISE", 2.0)):
-        found = regions(times, curves[name])
-        assert found is not None
-        assert found.cliff_from_s == pytest.approx(2 - np.log(0.95) / rate, abs=1e-3)
-        assert found.cliff_to_s == pytest.approx(2 - np.log(0.05) / rate, abs=1e-3)
-        assert found.slope == pytest.approx(0.9 / rate / (found.cliff_to_s - found.cliff_from_s), rel=2e-3)
+        bounds = regions(times, curves[name])
+        assert bounds is not None
+        assert bounds.cliff_from_s == pytest.approx(2 - np.log(0.95) / rate, abs=1e-3)
+        assert bounds.cliff_to_s == pytest.approx(2 - np.log(0.05) / rate, abs=1e-3)
+        assert bounds.slope == pytest.approx(0.9 / rate / (bounds.cliff_to_s - bounds.cliff_from_s), rel=2e-3)
     # As the thesis observes below figure 4.4: the squares' cliff is the shorter.
-    lengths = {name: one.cliff_to_s - one.cliff_from_s for name, c in curves.items() if (one := regions(times, c))}
+    lengths = {
+        name: region_bounds.cliff_to_s - region_bounds.cliff_from_s
+        for name, c in curves.items()
+        if (region_bounds := regions(times, c))
+    }
     assert lengths["ITSE"] < lengths["ITAE"]
     assert lengths["ISE"] < lengths["IAE"]
 

@@ -45,9 +45,9 @@ def test_settling_time_of_a_pure_decay(sigma: float) -> None:
 
 
 def test_settling_time_of_a_wave_lies_at_its_envelope() -> None:
-    found = settling_time(T, wave(0.5), 1.0)
-    assert found is not None
-    assert np.log(1 / 0.05) / 0.5 - 1.0 <= found <= np.log(1 / 0.05) / 0.5 + 0.5
+    settled_s = settling_time(T, wave(0.5), 1.0)
+    assert settled_s is not None
+    assert np.log(1 / 0.05) / 0.5 - 1.0 <= settled_s <= np.log(1 / 0.05) / 0.5 + 0.5
 
 
 @pytest.mark.parametrize("sigma", [0.0, -0.1, 0.05])

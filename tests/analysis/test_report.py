@@ -72,8 +72,8 @@ class Tags(HTMLParser):
         self.found.append(tag)
 
 
-def items(found: Report) -> dict[str, Any]:
-    return {item.key: item for section in found.sections for item in section.items}
+def items(shown_report: Report) -> dict[str, Any]:
+    return {item.key: item for section in shown_report.sections for item in section.items}
 
 
 def unstable(record: Record) -> Record:
@@ -155,20 +155,20 @@ def test_best_and_worst(values: Any, largest: bool, marks: list[str]) -> None:
 
 
 def test_summary_marks_the_better_damped_run(swing_record: Callable[..., Record]) -> None:
-    found = said(("slow", swing_record(damping=0.1)), ("quick", swing_record(damping=0.5)))
-    assert found.remarks == []
-    rows = {row[0].text: row[1:] for row in items(found)["summary"].rows}
+    shown_report = said(("slow", swing_record(damping=0.1)), ("quick", swing_record(damping=0.5)))
+    assert shown_report.remarks == []
+    rows = {row[0].text: row[1:] for row in items(shown_report)["summary"].rows}
     for name in ("ITAE", "IAE", "ITSE", "ISE", "its damping ratio", "settling time [s]"):
         assert [cell.mark for cell in rows[name]] == ["worst", "best"], name
     assert {cell.mark for name in ("latency, mean [ms]", "roughness [p.u./s²]") for cell in rows[name]} == {""}
-    improved = {row[0].text: [cell.text for cell in row[1:]] for row in items(found)["improvement"].rows}
+    improved = {row[0].text: [cell.text for cell in row[1:]] for row in items(shown_report)["improvement"].rows}
     assert improved["ITAE"][0] == "0.0"
     assert 50 < float(improved["ITAE"][1]) < 100
 
 
 def test_report_items_have_a_sentence_and_axes_with_units(swing_record: Callable[..., Record]) -> None:
-    found = said(("a", swing_record()), ("b", swing_record(damping=0.1)))
-    named = items(found)
+    shown_report = said(("a", swing_record()), ("b", swing_record(damping=0.1)))
+    named = items(shown_report)
     assert set(named) >= {
         "summary", "differences", "tie_power", "speeds", "injected_voltage", "indices", "mode_table", "modes", "spwvd",
         "effort", "links", "latency", "conditions",
@@ -183,64 +183,64 @@ def test_report_items_have_a_sentence_and_axes_with_units(swing_record: Callable
             assert all("[" in (item.y_label or panel.title) or item.y_label == "CDF" for panel in item.panels)
             assert all({curve.run for curve in panel.curves} == {0, 1} for panel in item.panels)
         if isinstance(item, Maps):
-            assert [one.run for one in item.maps] == [0, 1]
+            assert [spectrogram.run for spectrogram in item.maps] == [0, 1]
 
 
 def test_map_is_where_the_mode_is(swing_record: Callable[..., Record]) -> None:
-    (one,) = items(said(("a", swing_record(damping=0.05))))["spwvd"].maps
-    first, last, low, high = one.extent
-    row, column = np.unravel_index(np.argmax(one.values), one.values.shape)
-    frequency = low + (row + 0.5) * (high - low) / one.values.shape[0]
-    time = first + (column + 0.5) * (last - first) / one.values.shape[1]
+    (spectrogram,) = items(said(("a", swing_record(damping=0.05))))["spwvd"].maps
+    first, last, low, high = spectrogram.extent
+    row, column = np.unravel_index(np.argmax(spectrogram.values), spectrogram.values.shape)
+    frequency = low + (row + 0.5) * (high - low) / spectrogram.values.shape[0]
+    time = first + (column + 0.5) * (last - first) / spectrogram.values.shape[1]
     assert frequency == pytest.approx(0.5, abs=0.03)
     assert 1.0 < time < 10.0
-    assert one.values.size <= 300 * 150
+    assert spectrogram.values.size <= 300 * 150
 
 
 def test_unstable_run_is_worst_and_has_no_curve_of_indices(swing_record: Callable[..., Record]) -> None:
-    found = said(("sound", swing_record()), ("lost", unstable(swing_record())))
-    assert found.remarks == ["lost is not stable: loss of synchronism at 9.98 s. It has no indices."]
-    rows = {row[0].text: row[1:] for row in items(found)["summary"].rows}
+    shown_report = said(("sound", swing_record()), ("lost", unstable(swing_record())))
+    assert shown_report.remarks == ["lost is not stable: loss of synchronism at 9.98 s. It has no indices."]
+    rows = {row[0].text: row[1:] for row in items(shown_report)["summary"].rows}
     assert rows["ITAE"][1] == ("-", "worst")
     assert rows["in synchronism"][1] == ("no", "worst")
-    assert {curve.run for panel in items(found)["indices"].panels for curve in panel.curves} == {0}
-    assert "improvement" not in items(found)
-    assert "lost" in items(found)["mode_table"].sentence
+    assert {curve.run for panel in items(shown_report)["indices"].panels for curve in panel.curves} == {0}
+    assert "improvement" not in items(shown_report)
+    assert "lost" in items(shown_report)["mode_table"].sentence
 
 
 def test_runs_that_cannot_be_compared_are_not_ranked(swing_record: Callable[..., Record]) -> None:
     other = swing_record(damping=0.1)
     other.configuration["asked"] = {"system": "another", "controllers": []}
-    found = said(("a", swing_record()), ("b", other))
-    assert found.remarks[0].startswith("The runs differ in system: their figures cannot be compared")
-    assert {cell.mark for row in items(found)["summary"].rows for cell in row} == {""}
-    assert "improvement" not in items(found)
+    shown_report = said(("a", swing_record()), ("b", other))
+    assert shown_report.remarks[0].startswith("The runs differ in system: their figures cannot be compared")
+    assert {cell.mark for row in items(shown_report)["summary"].rows for cell in row} == {""}
+    assert "improvement" not in items(shown_report)
 
 
 def test_report_remarks_name_what_a_recording_lacks(swing_record: Callable[..., Record]) -> None:
     cut = swing_record(600, notes=["the end is missing: the record ends with tick 599"])
     cut.configuration["duration"] = 20
-    found = said(("cut", cut))
-    assert found.remarks[0] == "cut: the end is missing: the record ends with tick 599."
-    assert "the recording ends too early" in found.remarks[1]
+    shown_report = said(("cut", cut))
+    assert shown_report.remarks[0] == "cut: the end is missing: the record ends with tick 599."
+    assert "the recording ends too early" in shown_report.remarks[1]
 
 
 def test_run_of_nearly_nothing(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     """Seven ticks, no device, no controller, no event: what cannot be is left out."""
     bare = swing_record(7, events=[], device_names=[], devices=np.zeros((7, 0), DEVICE_TRUTH), controller_names=[])
     bare = dataclasses.replace(bare, applied=bare.applied[:0], issued=bare.issued[:0])
-    found = items(said(("bare", bare)))
-    assert isinstance(found["summary"], ReportTable)
-    assert "spwvd" not in found
-    assert "injected_voltage" not in found
+    by_key = items(said(("bare", bare)))
+    assert isinstance(by_key["summary"], ReportTable)
+    assert "spwvd" not in by_key
+    assert "injected_voltage" not in by_key
     assert written(tmp_path, ("bare", bare)).stat().st_size > 1_000_000
 
 
 def test_names_are_text_not_markup(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     name = "</script><img src=x onerror=alert(1)>'\"&"
     tags: list[list[str]] = []
-    for one in ("plain", name):
-        page = written(tmp_path, (one, swing_record(notes=[one]))).read_text()
+    for run_name in ("plain", name):
+        page = written(tmp_path, (run_name, swing_record(notes=[run_name]))).read_text()
         parser = Tags()
         parser.feed(page)
         tags.append(parser.found)
@@ -258,7 +258,7 @@ def test_report_page_loads_nothing_from_elsewhere(tmp_path: Path, swing_record: 
     page = written(tmp_path, ("a", swing_record())).read_text()
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert not re.findall(r"https?://", markup)
-    assert {one.partition(":")[0] for one in re.findall(r"(?:src|href)\s*=\s*[\"']?([^\"'\s>]*)", markup)} == {"data"}
+    assert {link.partition(":")[0] for link in re.findall(r"(?:src|href)\s*=\s*[\"']?([^\"'\s>]*)", markup)} == {"data"}
     assert not re.findall(r"@import|url\(", markup)
 
 
@@ -299,9 +299,12 @@ class Pages:
     def __call__(self, **options: Any) -> Any:
         if str(options) not in self.there:
             page = self.there[str(options)] = self.browser.new_context(**options).new_page()
-            page.on("console", lambda one: self.wrong.append(one.text) if one.type in ("error", "warning") else None)
-            page.on("pageerror", lambda one: self.wrong.append(str(one)))
-            page.on("request", lambda one: self.requests.append(one.url))
+            page.on(
+                "console",
+                lambda message: self.wrong.append(message.text) if message.type in ("error", "warning") else None,
+            )
+            page.on("pageerror", lambda error: self.wrong.append(str(error)))
+            page.on("request", lambda request: self.requests.append(request.url))
             page.goto(self.path.as_uri())
             page.wait_for_function(IDLE, timeout=120_000)
         return self.there[str(options)]
@@ -347,15 +350,15 @@ def test_report_figures_are_drawn_and_fit_the_screen(
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     figures = page.evaluate(DRAWN)
     shown = items(said(*three(swing_record))).values()
-    expected = [len(one.panels) for one in shown if isinstance(one, Chart)]
-    expected += [len(one.maps) for one in shown if isinstance(one, Maps)]
+    expected = [len(item.panels) for item in shown if isinstance(item, Chart)]
+    expected += [len(item.maps) for item in shown if isinstance(item, Maps)]
     assert len(figures) == sum(expected) > 10
     for wide, high, colours in figures:
         assert 0.35 * width < wide <= width
         assert high > 200
         assert colours > 3  # axes, grid, at least one run
-    assert page.locator("table").count() == sum(isinstance(one, ReportTable) for one in shown)
-    assert all(box["width"] <= width for box in (one.bounding_box() for one in page.locator(".scroll").all()))
+    assert page.locator("table").count() == sum(isinstance(item, ReportTable) for item in shown)
+    assert all(box["width"] <= width for box in (box.bounding_box() for box in page.locator(".scroll").all()))
     too_wide = "[...document.querySelectorAll('.scroll')].filter((e) => e.scrollWidth > e.clientWidth).length"
     assert options is PHONE or page.evaluate(too_wide) == 0
 

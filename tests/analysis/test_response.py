@@ -33,13 +33,13 @@ def swing(sigma: float, hertz: float = 0.5, size: float = 2e-3) -> np.ndarray[An
 
 def noise(seed: int, size: float = 4e-4) -> np.ndarray[Any, Any]:
     """A lightly damped mode in noise, as of a plant that never comes to rest."""
-    random, found = np.random.default_rng(seed), np.zeros(len(T))
+    random, swinging = np.random.default_rng(seed), np.zeros(len(T))
     turn = np.exp((-0.12 + 2j * np.pi * 0.5) / 60)
     z = 0.0 + 0.0j
     for k in range(len(T)):
         z = turn * z + random.standard_normal()
-        found[k] = z.real
-    return np.asarray(size * found / found.std())
+        swinging[k] = z.real
+    return np.asarray(size * swinging / swinging.std())
 
 
 @pytest.fixture
@@ -71,10 +71,10 @@ def test_verdict_is_that_of_the_response_whatever_the_noise(
     pair: Any, seed: int, sigma: float, verdict: str, mirror: bool
 ) -> None:
     record, twin = pair(swing(sigma), noise(seed), mirror=mirror)
-    found = summarise(record, twin=twin)
-    assert (found.verdict, found.verdict_of) == (verdict, RESPONSE)
+    summary = summarise(record, twin=twin)
+    assert (summary.verdict, summary.verdict_of) == (verdict, RESPONSE)
     if verdict != "limit cycle":
-        assert found.modes[0].damping_ratio == pytest.approx(-sigma / np.hypot(sigma, np.pi), abs=1e-4)
+        assert summary.modes[0].damping_ratio == pytest.approx(-sigma / np.hypot(sigma, np.pi), abs=1e-4)
 
 
 def test_indices_are_those_of_the_run_itself(pair: Any) -> None:
@@ -83,9 +83,9 @@ def test_indices_are_those_of_the_run_itself(pair: Any) -> None:
 
 
 def test_verdict_without_a_mirror_says_that_noise_is_in_it(pair: Any) -> None:
-    found = summarise(pair(swing(-0.2), noise(1))[0])
-    assert found.verdict_of == RUN
-    assert str(found.verdict_because).endswith("; noise is in it")
+    summary = summarise(pair(swing(-0.2), noise(1))[0])
+    assert summary.verdict_of == RUN
+    assert str(summary.verdict_because).endswith("; noise is in it")
 
 
 def test_mirror_that_loses_synchronism_leaves_the_verdict_to_the_run(pair: Any) -> None:
@@ -94,8 +94,8 @@ def test_mirror_that_loses_synchronism_leaves_the_verdict_to_the_run(pair: Any) 
     assert summarise(record, twin=twin).verdict == "growing"
     calm, twin = pair(swing(-0.2), noise(2, 1e-5))
     twin.record.in_synchronism[-1] = False
-    found = summarise(calm, twin=twin)
-    assert (found.verdict, found.verdict_because) == ("undecided", LOST_TWIN)
+    summary = summarise(calm, twin=twin)
+    assert (summary.verdict, summary.verdict_because) == ("undecided", LOST_TWIN)
 
 
 def test_mirror_that_is_shorter_is_compared_as_far_as_it_goes(pair: Any) -> None:
@@ -118,14 +118,14 @@ def test_noise_alone_is_judged_by_its_modes_or_by_a_pulse() -> None:
     t = np.arange(len(T) * 4) / 60
     signals = np.concatenate([noise(k) for k in range(4)])
     swings = ambient(signals)
-    found = judge_ambient(fit_ambient(t, swings.own), swings)
-    assert (found.judgement.verdict, found.of) == ("damped", AMBIENT)
+    judged_noise = judge_ambient(fit_ambient(t, swings.own), swings)
+    assert (judged_noise.judgement.verdict, judged_noise.of) == ("damped", AMBIENT)
     assert judge_ambient(None, swings).judgement.verdict == "undecided"
     steady = ambient(1e-3 * np.sin(2 * np.pi * 0.5 * t) + 1e-6 * signals)
     assert judge_ambient(fit_ambient(t, steady.own), steady).judgement.verdict == "limit cycle"
     for sigma, verdict in ((-0.1, "damped"), (0.1, "growing")):
-        found = judge_ambient(None, ambient(signals[: len(T)], swing(sigma)[:, np.newaxis]))
-        assert (found.judgement.verdict, found.of) == (verdict, PULSE)
+        judged_pulse = judge_ambient(None, ambient(signals[: len(T)], swing(sigma)[:, np.newaxis]))
+        assert (judged_pulse.judgement.verdict, judged_pulse.of) == (verdict, PULSE)
 
 
 @pytest.mark.parametrize("mirror", [False, True])
@@ -133,8 +133,8 @@ def test_noise_alone_is_judged_by_its_modes_or_by_a_pulse() -> None:
 def test_noise_that_grows_late_is_growth(pair: Any, seed: int, mirror: bool) -> None:
     """The response has decayed before the loop changes; what grows then is noise."""
     late = noise(seed, 1e-4) * np.exp(0.25 * np.maximum(T - 22.0, 0.0))
-    found = judged(*pair(swing(-0.5), late, mirror=mirror))
-    assert (found.verdict, found.verdict_of) == ("growing", RUN)
+    summary = judged(*pair(swing(-0.5), late, mirror=mirror))
+    assert (summary.verdict, summary.verdict_of) == ("growing", RUN)
     assert judged(*pair(swing(-0.5), noise(seed, 1e-4), mirror=mirror)).verdict == "damped"
 
 
@@ -149,6 +149,6 @@ def test_interval_of_a_ratio_of_variances_holds_the_ratio() -> None:
     t: Any = dt * np.arange(ticks)
     strong, weak = resonance(0.5), resonance(0.1)
     truth = np.square(strong).sum() / np.square(weak).sum()
-    found: Any = [variance_ratio(t, a, b) for a, b in zip(strong, weak, strict=True)]
-    assert np.mean([low <= truth <= high for _, low, high in found]) > 0.85
+    ratios: Any = [variance_ratio(t, a, b) for a, b in zip(strong, weak, strict=True)]
+    assert np.mean([low <= truth <= high for _, low, high in ratios]) > 0.85
     assert variance_ratio(t[:1000], strong[0, :1000], weak[0, :1000]) is None

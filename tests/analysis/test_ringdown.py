@@ -32,9 +32,9 @@ def wave(frequency: float, ratio: float, amplitude: float = 1e-3, phase: float =
 
 
 def fit(t: NDArray[np.float64], x: NDArray[np.float64], method: str, since: float = 0.0) -> Fit:
-    found = fit_ringdown(t, x, since, method)
-    assert found is not None
-    return found
+    fitted = fit_ringdown(t, x, since, method)
+    assert fitted is not None
+    return fitted
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -42,9 +42,9 @@ def fit(t: NDArray[np.float64], x: NDArray[np.float64], method: str, since: floa
 @pytest.mark.parametrize("rate", [30, 60])
 def test_two_modes_exactly(slow: float, rate: int, method: str) -> None:
     x = (wave(0.55, 0.05) + wave(1.1, 0.04, 6e-4, 1.0) + slow)[:: 60 // rate]
-    found = fit(T[:: 60 // rate], x, method, 1.0).modes
-    assert [mode.frequency_hz for mode in found] == pytest.approx([0.55, 1.1], rel=1e-6)
-    assert [mode.damping_ratio for mode in found] == pytest.approx([0.05, 0.04], rel=1e-6)
+    modes = fit(T[:: 60 // rate], x, method, 1.0).modes
+    assert [mode.frequency_hz for mode in modes] == pytest.approx([0.55, 1.1], rel=1e-6)
+    assert [mode.damping_ratio for mode in modes] == pytest.approx([0.05, 0.04], rel=1e-6)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -65,11 +65,11 @@ def test_neither_scale_nor_time_moves_the_modes(method: str, scale: float, late:
     x = wave(0.6, 0.05) + wave(1.1, 0.04, 6e-4, 1.0)
     noisy = x + 1e-6 * np.random.default_rng(5).standard_normal(len(T))
     here, there = (fit(t, y, method, t[late] - 0.005) for t, y in ((T, noisy), (T + shift, scale * noisy)))
-    for one, other in zip(here.modes, there.modes, strict=True):
-        assert other.frequency_hz == pytest.approx(one.frequency_hz, rel=1e-7)
-        assert other.damping_ratio == pytest.approx(one.damping_ratio, abs=1e-7)
-        assert other.damping_ratio_error == pytest.approx(one.damping_ratio_error, rel=1e-4)
-        assert other.amplitude == pytest.approx(scale * np.array(one.amplitude), rel=1e-4)
+    for mode, other in zip(here.modes, there.modes, strict=True):
+        assert other.frequency_hz == pytest.approx(mode.frequency_hz, rel=1e-7)
+        assert other.damping_ratio == pytest.approx(mode.damping_ratio, abs=1e-7)
+        assert other.damping_ratio_error == pytest.approx(mode.damping_ratio_error, rel=1e-4)
+        assert other.amplitude == pytest.approx(scale * np.array(mode.amplitude), rel=1e-4)
     assert there.snr_db == pytest.approx(here.snr_db, abs=1e-3)
     assert there.start_s == pytest.approx(here.start_s + shift)
 
@@ -77,15 +77,15 @@ def test_neither_scale_nor_time_moves_the_modes(method: str, scale: float, late:
 @pytest.mark.parametrize("method", METHODS)
 def test_amplitudes_and_phases_are_those_at_the_start(method: str) -> None:
     x = np.column_stack([wave(0.6, 0.05, 2e-3, 0.4) + wave(1.1, 0.04, 6e-4, 1.0), wave(0.6, 0.05, 1e-3, -2.0)])
-    found = fit(T, x, method, 1.0)
-    strong, weak = found.modes
-    assert found.start_s == 2.0
+    fitted = fit(T, x, method, 1.0)
+    strong, weak = fitted.modes
+    assert fitted.start_s == 2.0
     for mode, place, amplitude, phase in ((strong, 0, 2e-3, 0.4), (strong, 1, 1e-3, -2.0), (weak, 0, 6e-4, 1.0)):
         s = 2 * np.pi * mode.frequency_hz * (1j - mode.damping_ratio / np.sqrt(1 - mode.damping_ratio**2))
-        there = amplitude * np.exp(1j * phase + s * found.start_s)
+        there = amplitude * np.exp(1j * phase + s * fitted.start_s)
         assert mode.amplitude[place] * np.exp(1j * mode.phase_rad[place]) == pytest.approx(there, rel=1e-6)
     assert weak.amplitude[1] < 1e-9
-    assert found.snr_db > 150
+    assert fitted.snr_db > 150
     assert strong.frequency_error_hz < 1e-9
 
 
@@ -102,9 +102,9 @@ def ten_seconds(ratio: float, seed: int) -> tuple[NDArray[np.float64], NDArray[n
 def test_ten_seconds_with_noise_of_40_db(method: str, ratio: float) -> None:
     quality = []
     for seed in range(20):
-        found = fit(*ten_seconds(ratio, seed), method)
-        quality.append(found.snr_db)
-        slow, fast = sorted(found.modes)  # as many as there are
+        fitted = fit(*ten_seconds(ratio, seed), method)
+        quality.append(fitted.snr_db)
+        slow, fast = sorted(fitted.modes)  # as many as there are
         assert slow.frequency_hz == pytest.approx(0.6, rel=0.005)
         assert slow.damping_ratio == pytest.approx(ratio, abs=0.005)
         assert fast.frequency_hz == pytest.approx(1.1, rel=0.005)
@@ -142,8 +142,8 @@ def test_as_many_modes_as_there_are(method: str, count: int) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_signals_share_their_modes(method: str) -> None:
     x = np.column_stack([wave(0.6, 0.03), wave(1.05, 0.05), wave(1.2, 0.06) - wave(0.6, 0.03)])
-    found = fit(T, x, method).modes
-    assert sorted(mode.frequency_hz for mode in found) == pytest.approx([0.6, 1.05, 1.2], rel=1e-6)
+    modes = fit(T, x, method).modes
+    assert sorted(mode.frequency_hz for mode in modes) == pytest.approx([0.6, 1.05, 1.2], rel=1e-6)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -204,18 +204,18 @@ def test_small_disturbance_shows_the_mode_of_the_linearised_plant() -> None:
     )
     record = run(case)
     for method in METHODS:
-        (found,) = fit(record.time_s, columns(speed_differences(record)), method, 1.0).modes
-        assert found.frequency_hz == pytest.approx(known.frequency_hz, rel=1e-3)
-        assert found.damping_ratio == pytest.approx(known.damping_ratio, abs=2e-4)
+        (ringing,) = fit(record.time_s, columns(speed_differences(record)), method, 1.0).modes
+        assert ringing.frequency_hz == pytest.approx(known.frequency_hz, rel=1e-3)
+        assert ringing.damping_ratio == pytest.approx(known.damping_ratio, abs=2e-4)
 
 
 def test_poles_that_grow_do_not_hide_the_modes() -> None:
     """Two controllers damp `small`: the linear loop has its swings at 0.65 and 1.15 Hz, and spurious poles grow."""
-    own = {"name": "LLC", "devices": ["sssc"], "signals": ["speed"]}
+    first = {"name": "LLC", "devices": ["sssc"], "signals": ["speed"]}
     other = {"name": "LLC", "devices": ["statcom"], "signals": ["power"], "parameters": {"gain": 0.1}}
     plain = ["system.signals.power.washout=0", "system.signals.power.deviation=true"]
-    record = loop.run(load_case(None, ["devices=[sssc, statcom]", f"controllers={json.dumps([own, other])}", *plain]))
-    found = ringdown_modes(record.time_s, columns(speed_differences(record)), 1.0)
-    assert found[0].frequency_hz == pytest.approx(0.651, abs=0.005)
-    assert found[0].damping_ratio == pytest.approx(0.050, abs=0.003)
-    assert all(mode.damping_ratio > 0 for mode in found)
+    record = loop.run(load_case(None, ["devices=[sssc, statcom]", f"controllers={json.dumps([first, other])}", *plain]))
+    modes = ringdown_modes(record.time_s, columns(speed_differences(record)), 1.0)
+    assert modes[0].frequency_hz == pytest.approx(0.651, abs=0.005)
+    assert modes[0].damping_ratio == pytest.approx(0.050, abs=0.003)
+    assert all(mode.damping_ratio > 0 for mode in modes)

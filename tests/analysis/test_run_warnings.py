@@ -65,8 +65,8 @@ def test_frequency(calm: Callable[..., Record]) -> None:
 def test_forced_oscillation_that_does_not_end(calm: Callable[..., Record]) -> None:
     begun = [GridEvent((2 + i) * NANOSECONDS, "forced_oscillation", name, 0.1) for i, name in enumerate(("G1", "G2"))]
     ends = GridEvent(4 * NANOSECONDS, "forced_oscillation", "G2", 0.0)
-    (found,) = limit_warnings(calm((0, 0), (1, 1), *begun, ends))
-    assert found.startswith("a forced oscillation of G1 lasts to the end: ")
+    (warning,) = limit_warnings(calm((0, 0), (1, 1), *begun, ends))
+    assert warning.startswith("a forced oscillation of G1 lasts to the end: ")
 
 
 def test_voltage_outside_of_faults_alone(calm: Callable[..., Record]) -> None:
@@ -90,8 +90,8 @@ def test_drift_that_nothing_holds(calm: Callable[..., Record]) -> None:
 
 
 def test_load_step_without_governors_drifts_and_with_them_does_not() -> None:
-    told = summarise(simulate())
-    (line,) = told.warnings
+    summary = summarise(simulate())
+    (line,) = summary.warnings
     assert line.startswith("the common frequency has moved by +2.4")
     held: dict[str, Any] = {f"system.governors.{i}.enabled": True for i in range(4)}
     assert summarise(simulate(**held)).warnings == []

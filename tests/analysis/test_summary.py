@@ -39,43 +39,43 @@ WEIGHTS = {"local": {"w12": {"G1": 1.0, "G2": -1.0}}, "interarea": {}}
 
 
 def test_damped_run(swing_record: Callable[..., Record]) -> None:
-    found: Any = summarise(swing_record())
-    content = as_json(found)
+    summary: Any = summarise(swing_record())
+    content = as_json(summary)
     assert set(content) >= KEYS
     assert json.loads(json.dumps(content, allow_nan=False)) == content
-    assert found.run == {"system": "pair", "controllers": []}
-    assert found.stable is found.damped is True
-    assert found.duration_s == 20.0
-    assert found.latency_ms.p99 == 120.0
-    assert found.frames_lost == 0
-    assert found.max_injected_voltage_pu == pytest.approx(0.04 * np.exp(-0.15), rel=0.01)
-    (mode,) = found.modes
+    assert summary.run == {"system": "pair", "controllers": []}
+    assert summary.stable is summary.damped is True
+    assert summary.duration_s == 20.0
+    assert summary.latency_ms.p99 == 120.0
+    assert summary.frames_lost == 0
+    assert summary.max_injected_voltage_pu == pytest.approx(0.04 * np.exp(-0.15), rel=0.01)
+    (mode,) = summary.modes
     assert mode.frequency_hz == pytest.approx(0.5, rel=1e-6)
     assert mode.damping_ratio == pytest.approx(0.3 / np.hypot(0.3, np.pi), rel=1e-6)
-    assert found.indices["ITAE"] > found.indices_since_event["ITAE"]
-    assert found.indices["IAE"] == pytest.approx(found.indices_since_event["IAE"])
+    assert summary.indices["ITAE"] > summary.indices_since_event["ITAE"]
+    assert summary.indices["IAE"] == pytest.approx(summary.indices_since_event["IAE"])
 
 
 def test_growing_run(swing_record: Callable[..., Record]) -> None:
-    found: Any = summarise(swing_record(damping=-0.1))
-    assert found.stable is True
-    assert found.damped is False
-    assert found.settling_time_s is None
+    summary: Any = summarise(swing_record(damping=-0.1))
+    assert summary.stable is True
+    assert summary.damped is False
+    assert summary.settling_time_s is None
 
 
 def test_unstable_run(swing_record: Callable[..., Record]) -> None:
     lost = np.ones(1200, np.bool_)
     lost[-1] = False
-    found: Any = summarise(swing_record(in_synchronism=lost))
-    assert found.stable is found.damped is False
-    assert found.indices is None
-    assert not found.modes
-    json.dumps(as_json(found), allow_nan=False)
+    summary: Any = summarise(swing_record(in_synchronism=lost))
+    assert summary.stable is summary.damped is False
+    assert summary.indices is None
+    assert not summary.modes
+    json.dumps(as_json(summary), allow_nan=False)
 
 
 def test_single_tick(swing_record: Callable[..., Record]) -> None:
-    found: Any = summarise(swing_record(7, configuration={"measures": WEIGHTS}, events=[]))
-    json.dumps(as_json(found), allow_nan=False)
+    summary: Any = summarise(swing_record(7, configuration={"measures": WEIGHTS}, events=[]))
+    json.dumps(as_json(summary), allow_nan=False)
 
 
 def test_weights_given_directly(swing_record: Callable[..., Record]) -> None:

@@ -39,71 +39,79 @@ SETTLED = ("supervision=standard", "arm_at=0.5")
 WRONG_SIGN = "controllers.0.faults=[{kind: wrong_sign, start: 2}]"
 
 
-def told(ticks: int, **changes: Any) -> Any:
+def shadow_rows(ticks: int, **changes: Any) -> Any:
     """Rows of a supervisor in shadow that has found nothing."""
-    made = np.zeros(ticks, SUPERVISION)
-    made["tick"], made["state"], made["fraction"] = np.arange(ticks), SHADOW, 1.0
-    made["cause"] = made["refused"] = NO_CAUSE
+    shadow = np.zeros(ticks, SUPERVISION)
+    shadow["tick"], shadow["state"], shadow["fraction"] = np.arange(ticks), SHADOW, 1.0
+    shadow["cause"] = shadow["refused"] = NO_CAUSE
     for name in ("probe_gain", "probe_phase", "probe_coherence", "added_damping", "phase_margin", "gain_margin"):
-        made[name] = np.nan
+        shadow[name] = np.nan
     for name, value in changes.items():
-        made[name] = value
-    return made
+        shadow[name] = value
+    return shadow
 
 
 @pytest.fixture
 def watched(swing_record: Callable[..., Record]) -> Callable[[Any], Any]:
     """What is told of the only supervisor of a record of 20 s, whose limits are the table's but for one."""
 
-    def find(own: Any) -> SupervisorHistory:
-        record = swing_record(supervision=own)
+    def find(supervised: Any) -> SupervisorHistory:
+        record = swing_record(supervision=supervised)
         record.configuration["supervision"] = {"monitors": {"harm": {"limit": 0.05}, "jitter": None}}
-        (found,) = supervision(record, 0.5)
-        return found
+        (history,) = supervision(record, 0.5)
+        return history
 
     return find
 
 
 def test_changes_have_time_cause_value_and_the_run_s_limit(watched: Callable[[Any], Any]) -> None:
-    own = told(1200)
-    own["state"][30:300], own["cause"][30:300] = ARMED, BY_SCHEDULE
-    own["state"][300:480], own["cause"][300:480], own["values"][300, CODES["stale"]] = FALLBACK, CODES["stale"], 0.41
-    own["state"][480:600], own["cause"][480:600] = ARMED, CODES["stale"]
-    own["state"][600:900], own["cause"][600:900], own["values"][600, CODES["harm"]] = TRIPPED, CODES["harm"], 0.21
-    own["state"][900:], own["cause"][900:] = DISARMED, BY_OPERATOR
-    found = watched(own)
-    assert [(row.time_s, row.state, row.cause) for row in found.changes] == [
+    supervised = shadow_rows(1200)
+    supervised["state"][30:300], supervised["cause"][30:300] = ARMED, BY_SCHEDULE
+    supervised["state"][300:480], supervised["cause"][300:480], supervised["values"][300, CODES["stale"]] = (
+        FALLBACK,
+        CODES["stale"],
+        0.41,
+    )
+    supervised["state"][480:600], supervised["cause"][480:600] = ARMED, CODES["stale"]
+    supervised["state"][600:900], supervised["cause"][600:900], supervised["values"][600, CODES["harm"]] = (
+        TRIPPED,
+        CODES["harm"],
+        0.21,
+    )
+    supervised["state"][900:], supervised["cause"][900:] = DISARMED, BY_OPERATOR
+    history = watched(supervised)
+    assert [(row.time_s, row.state, row.cause) for row in history.changes] == [
         (0.5, "armed", "schedule"),
         (5.0, "fallback", "stale"),
         (8.0, "armed", "stale"),
         (10.0, "tripped", "harm"),
         (15.0, "disarmed", "operator"),
     ]
-    assert [row.value for row in found.changes] == [None, 0.41, None, 0.21, None]
-    assert (found.changes[1].limit, found.changes[1].unit) == (0.4, "s")
-    assert found.changes[3].limit == 0.05
-    assert found.fractions == pytest.approx(
+    assert [row.value for row in history.changes] == [None, 0.41, None, 0.21, None]
+    assert (history.changes[1].limit, history.changes[1].unit) == (0.4, "s")
+    assert history.changes[3].limit == 0.05
+    assert history.fractions == pytest.approx(
         {"disarmed": 0.25, "shadow": 0.025, "armed": 0.325, "fallback": 0.15, "tripped": 0.25}
     )
-    assert (found.controller, found.state, found.trips, found.probe) == (
+    assert (history.controller, history.state, history.trips, history.probe) == (
         "controller_0_LLC",
         "disarmed",
         1,
         None,
     )
-    assert history_text(found) == (
+    assert history_text(history) == (
         "armed at 0.50 s; fallback at 5.00 s: stale 0.41 s, more than 0.4; armed again at 8.00 s: stale is over; "
         "tripped at 10.00 s: harm 0.21 1/s, more than 0.05; disarmed at 15.00 s: operator"
     )
-    assert tripped_texts([found]) == [
+    assert tripped_texts([history]) == [
         "controller_0_LLC was tripped at 10.00 s: harm 0.21 1/s, more than 0.05",
     ]
 
 
 def test_supervisor_that_never_arms_says_so(watched: Callable[[Any], Any]) -> None:
-    found = watched(told(1200))
-    assert (found.changes, found.state, tripped_texts([found])) == ([], "shadow", [])
-    assert history_text(found) == "never armed, shadow to the end"
+    history = watched(shadow_rows(1200))
+    assert (history.changes, history.state, tripped_texts([history])) == ([], "shadow", [])
+    assert history_text(history) == "never armed, shadow to the end"
 
 
 @pytest.mark.parametrize(
@@ -122,38 +130,42 @@ def test_supervisor_that_never_arms_says_so(watched: Callable[[Any], Any]) -> No
     ],
 )
 def test_why_it_was_not_armed(watched: Callable[[Any], Any], cause: int, values: dict[str, float], text: str) -> None:
-    own = told(1200)
+    supervised = shadow_rows(1200)
     for name, value in values.items():
-        own[name][119] = value  # what was known when it was asked for
-    own["refused"][120:] = cause
-    found = watched(own)
-    assert (len(found.refusals), found.refusals[0].time_s) == (1, 2.0)
-    assert history_text(found).startswith(f"not armed at 2.00 s: {text}; never armed, shadow to the end")
+        supervised[name][119] = value  # what was known when it was asked for
+    supervised["refused"][120:] = cause
+    history = watched(supervised)
+    assert (len(history.refusals), history.refusals[0].time_s) == (1, 2.0)
+    assert history_text(history).startswith(f"not armed at 2.00 s: {text}; never armed, shadow to the end")
 
 
 def test_supervisor_that_fails_is_silent(watched: Callable[[Any], Any]) -> None:
     """Single ticks that are missing are not: devices wait for 0.2 s."""
-    own = told(1200)
-    own["state"][60:] = ARMED
-    kept = np.delete(own, [*range(120, 180), 600, 601])[:-30]
-    found = watched(kept)
-    assert [(row.time_s, row.state) for row in found.changes] == [
+    supervised = shadow_rows(1200)
+    supervised["state"][60:] = ARMED
+    left = np.delete(supervised, [*range(120, 180), 600, 601])[:-30]
+    history = watched(left)
+    assert [(row.time_s, row.state) for row in history.changes] == [
         (1.0, "armed"),
         (2.0, "silent"),
         (3.0, "armed"),
         (19.5, "silent"),
     ]
-    assert found.state == "silent"
-    assert sum(found.fractions.values()) == pytest.approx(len(kept) / 1200)
+    assert history.state == "silent"
+    assert sum(history.fractions.values()) == pytest.approx(len(left) / 1200)
 
 
 def test_newest_probe(watched: Callable[[Any], Any]) -> None:
-    own = told(1200)
-    own["probe_gain"][60:], own["probe_gain"][600:] = 2.0, 1.1
-    own["probe_phase"][60:], own["probe_coherence"][60:] = 0.1, 0.9
-    own["added_damping"][60:], own["phase_margin"][60:], own["gain_margin"][60:] = 0.2, math.pi / 3, 0.25
-    found = watched(own).probe._asdict()
-    assert found == pytest.approx(
+    supervised = shadow_rows(1200)
+    supervised["probe_gain"][60:], supervised["probe_gain"][600:] = 2.0, 1.1
+    supervised["probe_phase"][60:], supervised["probe_coherence"][60:] = 0.1, 0.9
+    supervised["added_damping"][60:], supervised["phase_margin"][60:], supervised["gain_margin"][60:] = (
+        0.2,
+        math.pi / 3,
+        0.25,
+    )
+    probe = watched(supervised).probe._asdict()
+    assert probe == pytest.approx(
         {
             "gain": 1.1,
             "phase_deg": math.degrees(0.1),
@@ -164,7 +176,7 @@ def test_newest_probe(watched: Callable[[Any], Any]) -> None:
             "gain_margin": 0.25,
         }
     )
-    texts = dict(supervision_rows([[watched(own)], []]))
+    texts = dict(supervision_rows([[watched(supervised)], []]))
     assert texts["controller_0_LLC"] == ["never armed, shadow to the end", "-"]
     assert texts["controller_0_LLC probe"] == [
         (
@@ -176,10 +188,10 @@ def test_newest_probe(watched: Callable[[Any], Any]) -> None:
 
 
 def test_many_changes_are_counted(watched: Callable[[Any], Any]) -> None:
-    own = told(1200)
-    own["state"] = np.where(np.arange(1200) // 60 % 2, ARMED, SHADOW)
-    own["cause"][60:] = BY_OPERATOR
-    text = history_text(watched(own))
+    supervised = shadow_rows(1200)
+    supervised["state"] = np.where(np.arange(1200) // 60 % 2, ARMED, SHADOW)
+    supervised["cause"][60:] = BY_OPERATOR
+    text = history_text(watched(supervised))
     assert text.count(";") == 5
     assert text.startswith("armed at 1.00 s: operator; shadow at 2.00 s: operator; ")
     assert text.endswith("; 14 more changes; armed again at 19.00 s: operator")
@@ -188,10 +200,10 @@ def test_many_changes_are_counted(watched: Callable[[Any], Any]) -> None:
 def test_run_whose_controller_turns_its_sign_is_tripped_and_told() -> None:
     record = loop.run(load_case("two_area_small", [*SETTLED, "duration=8", WRONG_SIGN]))
     result: Any = summarise(record)
-    (found,) = result.supervision
-    assert (found.state, found.trips, found.changes[-1].cause) == ("tripped", 1, "harm")
-    assert found.changes[-1].value > found.changes[-1].limit == 0.03
-    assert found.changes[0].time_s == 0.5
+    (history,) = result.supervision
+    assert (history.state, history.trips, history.changes[-1].cause) == ("tripped", 1, "harm")
+    assert history.changes[-1].value > history.changes[-1].limit == 0.03
+    assert history.changes[0].time_s == 0.5
     assert "tripped at 5.43 s: harm" in table([("it", result)])
     assert limits(record)["harm"] == 0.03
 
@@ -205,12 +217,12 @@ def test_without_a_supervisor_nothing_is_told(swing_record: Callable[..., Record
 @pytest.mark.parametrize("rate", [60, 50, 7])
 def test_zeros_of_supervisors_have_no_latency(rate: int) -> None:
     """In shadow a supervisor speaks once a tick, of no measurement: only what a controller said counts."""
-    given = [*SETTLED, "duration=3", f"frame_rate={rate}", "link={up: [{model: constant, delay: 0.1}]}"]
-    record = loop.run(load_case("two_area_small", given))
-    own = record.applied[record.applied["effective_ns"] > 700_000_000]
+    sets = [*SETTLED, "duration=3", f"frame_rate={rate}", "link={up: [{model: constant, delay: 0.1}]}"]
+    record = loop.run(load_case("two_area_small", sets))
+    acting = record.applied[record.applied["effective_ns"] > 700_000_000]
     assert latency(record).mean == pytest.approx(100.0, abs=0.01)
     assert left_out(record) == 0
-    assert len(own) <= len(hops_ms(record)["whole"]["sssc"]) < len(record.applied)
+    assert len(acting) <= len(hops_ms(record)["whole"]["sssc"]) < len(record.applied)
     in_shadow = loop.run(load_case("two_area_small", ["supervision=standard", "duration=1"]))
     assert len(in_shadow.applied) > 0
     assert latency(in_shadow).mean is None

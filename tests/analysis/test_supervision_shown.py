@@ -44,14 +44,14 @@ def said(**records: Record) -> Report:
     return build([ReportedRun(name, record, summary, "-", percent) for (name, record), summary, percent in rows])
 
 
-def items(found: Report) -> dict[str, Any]:
-    return {item.key: item for section in found.sections for item in section.items}
+def items(shown_report: Report) -> dict[str, Any]:
+    return {item.key: item for section in shown_report.sections for item in section.items}
 
 
 def test_report_shows_states_monitors_and_changes(tripped: Record, tmp_path: Path) -> None:
-    found = said(it=tripped)
-    assert (5.433, "controller_0_LLC tripped by harm") in found.events
-    named = items(found)
+    shown_report = said(it=tripped)
+    assert (5.433, "controller_0_LLC tripped by harm") in shown_report.events
+    named = items(shown_report)
     (states,) = named["supervision"].panels
     assert (states.title, named["supervision"].words) == ("controller_0_LLC", STATES)
     assert set(states.curves[0].y) == {1.0, 2.0, 4.0}
@@ -84,10 +84,10 @@ def test_run_without_a_supervisor_beside_one_with(tripped: Record, alone: Record
 
 
 def test_run_without_supervision_shows_nothing_of_it(alone: Record, tmp_path: Path) -> None:
-    found = said(alone=alone)
-    assert "Supervision" not in [section.title for section in found.sections]
-    assert [text for _, text in found.events] == ["load step load_2"]
-    assert "supervision" not in [row[0].text for row in items(found)["conditions"].rows]
+    shown_report = said(alone=alone)
+    assert "Supervision" not in [section.title for section in shown_report.sections]
+    assert [text for _, text in shown_report.events] == ["load step load_2"]
+    assert "supervision" not in [row[0].text for row in items(shown_report)["conditions"].rows]
     assert not STEMS & {path.stem for path in plot_comparison([("", alone)], tmp_path)}
 
 

@@ -39,27 +39,27 @@ def tone(frequency: float, samples: int = 400, amplitude: float = 1.0) -> Sample
 
 def lag_sums(z: Samples, g: Window, lags: int) -> Samples:
     """Sum over i of g(i) z(n+i+m) z*(n+i-m), (samples, lags + 1), one term after the other."""
-    found = np.zeros((len(z), lags + 1), complex)
+    sums = np.zeros((len(z), lags + 1), complex)
     half = len(g) // 2
     for n in range(len(z)):
         for m in range(lags + 1):
             for i in range(-half, half + 1):
                 if n + i - m >= 0 and n + i + m < len(z):
-                    found[n, m] += g[half + i] * z[n + i + m] * np.conj(z[n + i - m])
-    return found
+                    sums[n, m] += g[half + i] * z[n + i + m] * np.conj(z[n + i - m])
+    return sums
 
 
 def by_definition(z: Samples, rate: float, h: Window, g: Window, bins: int) -> NDArray[np.complex128]:
     """W(n, f) of the module's first lines, one term after the other."""
     half = len(h) // 2
     sums = lag_sums(z, g / g.sum(), half)
-    found = np.zeros((len(z), bins), complex)
+    distribution = np.zeros((len(z), bins), complex)
     for k in range(bins):
         f = k * rate / (2 * bins)
         for m in range(-half, half + 1):
             product = sums[:, m] if m >= 0 else sums[:, -m].conj()
-            found[:, k] += 2 / rate * h[half + m] * product * np.exp(-4j * np.pi * f * m / rate)
-    return found
+            distribution[:, k] += 2 / rate * h[half + m] * product * np.exp(-4j * np.pi * f * m / rate)
+    return distribution
 
 
 @pytest.mark.parametrize("lag", [1, 7, 11])
@@ -69,10 +69,10 @@ def test_definition_term_by_term(lag: int, time: int, bins: int) -> None:
     z, h, g = noise(lag + time, 17), np.hamming(lag) / np.hamming(lag)[lag // 2], np.hamming(time)
     known = by_definition(z, 3.0, h, g, bins)
     assert np.abs(known.imag).max() < 1e-12
-    made = spwvd(z, 3.0, h, g, bins=bins)
-    np.testing.assert_allclose(made.values, known.real, atol=1e-12)
-    np.testing.assert_allclose(made.frequency_hz, np.arange(bins) * 1.5 / bins, rtol=1e-15)
-    np.testing.assert_allclose(made.time_s, np.arange(17) / 3.0, rtol=1e-15)
+    distribution = spwvd(z, 3.0, h, g, bins=bins)
+    np.testing.assert_allclose(distribution.values, known.real, atol=1e-12)
+    np.testing.assert_allclose(distribution.frequency_hz, np.arange(bins) * 1.5 / bins, rtol=1e-15)
+    np.testing.assert_allclose(distribution.time_s, np.arange(17) / 3.0, rtol=1e-15)
 
 
 @pytest.mark.parametrize("hop", [2, 5, 40])
@@ -90,13 +90,13 @@ GOLDEN = np.load(Path(__file__).parents[1] / "data" / "tftb.npz")
 
 
 def test_without_windows_it_is_the_wigner_ville_distribution_of_tftb() -> None:
-    made = spwvd(GOLDEN["z"], 1.0, bins=32)
-    np.testing.assert_allclose(made.values.T, 2 * GOLDEN["wvd"], atol=1e-12)
+    distribution = spwvd(GOLDEN["z"], 1.0, bins=32)
+    np.testing.assert_allclose(distribution.values.T, 2 * GOLDEN["wvd"], atol=1e-12)
 
 
 def test_without_time_window_it_is_the_pseudo_wigner_ville_distribution_of_tftb() -> None:
-    made = spwvd(GOLDEN["z"], 1.0, GOLDEN["h"], bins=32)
-    np.testing.assert_allclose(made.values.T, 2 * GOLDEN["pwvd"], atol=1e-12)
+    distribution = spwvd(GOLDEN["z"], 1.0, GOLDEN["h"], bins=32)
+    np.testing.assert_allclose(distribution.values.T, 2 * GOLDEN["pwvd"], atol=1e-12)
 
 
 def test_tftb_is_off_by_a_lag_and_a_sample_with_both_windows() -> None:
@@ -126,8 +126,8 @@ def test_tftb_is_off_by_a_lag_and_a_sample_with_both_windows() -> None:
 def test_time_marginal_is_the_power(seed: int, lag: int, bins: int, rate: float) -> None:
     z = noise(seed)
     for h in (None, hann(2 * lag + 1)):
-        made = spwvd(z, rate, h, bins=bins)
-        np.testing.assert_allclose(made.time_marginal, np.abs(z) ** 2, atol=1e-12)
+        distribution = spwvd(z, rate, h, bins=bins)
+        np.testing.assert_allclose(distribution.time_marginal, np.abs(z) ** 2, atol=1e-12)
 
 
 @given(seed=st.integers(0, 2**32 - 1), time=st.integers(0, 12))
@@ -143,9 +143,9 @@ def test_time_marginal_is_the_power_smoothed(seed: int, time: int) -> None:
 def test_frequency_marginal_is_the_energy_spectrum(seed: int) -> None:
     """Of any signal |Z(f)|^2 + |Z(f + fs/2)|^2; the second is 0 of an analytic one."""
     z = noise(seed)
-    made = spwvd(z, RATE, bins=50)
+    distribution = spwvd(z, RATE, bins=50)
     Z = np.fft.fft(z, 100) / RATE
-    np.testing.assert_allclose(made.frequency_marginal, np.abs(Z[:50]) ** 2 + np.abs(Z[50:]) ** 2, atol=1e-12)
+    np.testing.assert_allclose(distribution.frequency_marginal, np.abs(Z[:50]) ** 2 + np.abs(Z[50:]) ** 2, atol=1e-12)
 
 
 def test_frequency_marginal_is_smoothed_by_the_lag_window() -> None:
@@ -162,10 +162,10 @@ def test_frequency_marginal_is_smoothed_by_the_lag_window() -> None:
 @settings(deadline=None)
 def test_tone_integrates_to_its_amplitude_squared_at_its_frequency(amplitude: float, k: int) -> None:
     z = tone(k * RATE / 512, amplitude=amplitude)
-    made = spwvd(z, RATE, hann(81), hann(21), 7, 256)
+    distribution = spwvd(z, RATE, hann(81), hann(21), 7, 256)
     inner = slice(10, -10)
-    np.testing.assert_allclose(made.time_marginal[inner], amplitude**2, rtol=1e-12)
-    assert np.all(made.values[inner].argmax(axis=1) == k)
+    np.testing.assert_allclose(distribution.time_marginal[inner], amplitude**2, rtol=1e-12)
+    assert np.all(distribution.values[inner].argmax(axis=1) == k)
 
 
 @given(seed=st.integers(0, 2**32 - 1), shift=st.integers(0, 30), k=st.integers(0, 99))
@@ -188,16 +188,16 @@ def test_ridge_of_a_chirp_lies_within_a_bin(start: float, end: float, up: bool) 
     rise = (last - first) / t[-1]
     z = np.exp(2j * np.pi * (first + rise * t / 2) * t)
     for h, g in ((None, None), (hann(41), None), (hann(41), hann(15))):
-        made = spwvd(z, RATE, h, g, bins=400)
-        ridge = made.frequency_hz[made.values.argmax(axis=1)]
+        distribution = spwvd(z, RATE, h, g, bins=400)
+        ridge = distribution.frequency_hz[distribution.values.argmax(axis=1)]
         inner = slice(30, -30)
-        assert np.abs(ridge - first - rise * t)[inner].max() <= made.frequency_hz[1]
+        assert np.abs(ridge - first - rise * t)[inner].max() <= distribution.frequency_hz[1]
 
 
-def swing(made: Distribution, frequency: float) -> float:
+def swing(distribution: Distribution, frequency: float) -> float:
     """How far W goes up and down at a frequency, away from the ends."""
-    k = int(np.abs(made.frequency_hz - frequency).argmin())
-    return float(np.ptp(made.values[100:-100, k]))
+    k = int(np.abs(distribution.frequency_hz - frequency).argmin())
+    return float(np.ptp(distribution.values[100:-100, k]))
 
 
 @pytest.mark.parametrize("apart", [0.3, 0.55, 0.8, 1.5])
@@ -226,17 +226,17 @@ def test_recorded_tones_in_hz_and_in_their_power(rate: int) -> None:
     t = np.arange(60 * rate) / rate
     slow = 4.0 - 0.02 * t + 0.1 * np.cos(2 * np.pi * 0.01 * t) + 0.01 * np.cos(2 * np.pi * 12.0 * t)
     x = slow + 3e-3 * np.cos(2 * np.pi * 0.63 * t + 1.0) + 1e-3 * np.cos(2 * np.pi * 1.15 * t)
-    found = analyse(5.0 + t, x)
-    made = found.distribution
-    assert found.filled == 0
-    assert made.time_s[0] == found.time_s[0] == 5.0
-    assert np.diff(made.time_s) == pytest.approx(np.full(len(made.time_s) - 1, 0.1))
+    analysis = analyse(5.0 + t, x)
+    distribution = analysis.distribution
+    assert analysis.filled == 0
+    assert distribution.time_s[0] == analysis.time_s[0] == 5.0
+    assert np.diff(distribution.time_s) == pytest.approx(np.full(len(distribution.time_s) - 1, 0.1))
     inner = slice(100, -100)
     for amplitude, frequency in ((3e-3, 0.63), (1e-3, 1.15)):
-        near = np.abs(made.frequency_hz - frequency) < 0.25
-        ridge = made.frequency_hz[near][made.values[inner, near].argmax(axis=1)]
-        assert ridge == pytest.approx(np.full_like(ridge, frequency), abs=made.frequency_hz[1])
-        power = made.values[inner, near].sum(axis=1) * made.frequency_hz[1]
+        near = np.abs(distribution.frequency_hz - frequency) < 0.25
+        ridge = distribution.frequency_hz[near][distribution.values[inner, near].argmax(axis=1)]
+        assert ridge == pytest.approx(np.full_like(ridge, frequency), abs=distribution.frequency_hz[1])
+        power = distribution.values[inner, near].sum(axis=1) * distribution.frequency_hz[1]
         assert power == pytest.approx(np.full_like(power, amplitude**2), rel=0.05)
 
 
@@ -252,10 +252,10 @@ def test_missing_samples_are_filled_and_counted() -> None:
     x = np.cos(2 * np.pi * 0.6 * T)
     holes, whole = x.copy(), analyse(T, x)
     holes[[300, 301, 600]] = np.nan
-    kept = np.delete(np.arange(1200), [700, 701])
-    found = analyse(T[kept], holes[kept])
-    assert found.filled == 5
-    np.testing.assert_allclose(found.distribution.values, whole.distribution.values, atol=1e-2)
+    present = np.delete(np.arange(1200), [700, 701])
+    analysis = analyse(T[present], holes[present])
+    assert analysis.filled == 5
+    np.testing.assert_allclose(analysis.distribution.values, whole.distribution.values, atol=1e-2)
     ends = np.where((T < 1) | (T > 19), np.nan, x)
     assert analyse(T, ends).time_s[0] == pytest.approx(1.0)
 
@@ -273,10 +273,10 @@ def test_windows_of_the_limits() -> None:
 
 def test_hour_has_as_many_times_as_needed() -> None:
     t = np.arange(3600 * 60) / 60
-    made = analyse(t, np.cos(2 * np.pi * 0.6 * t)).distribution
-    assert made.time_s[-1] == pytest.approx(3600, abs=1)
-    assert made.values.size < 3e6
-    np.testing.assert_allclose(made.time_marginal[10:-10], 1, rtol=2e-3)
+    distribution = analyse(t, np.cos(2 * np.pi * 0.6 * t)).distribution
+    assert distribution.time_s[-1] == pytest.approx(3600, abs=1)
+    assert distribution.values.size < 3e6
+    np.testing.assert_allclose(distribution.time_marginal[10:-10], 1, rtol=2e-3)
 
 
 Given = dict[str, object]

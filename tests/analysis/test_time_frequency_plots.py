@@ -70,12 +70,12 @@ def test_names_that_are_not_there(swing_record: Callable[..., Record], name: str
 
 def test_pictures_of_one_and_of_several(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     records = [("a", swing_record(), [0.5]), ("b", swing_record(300), [])]
-    one, notes = distribution_figures(records[:1], ["w12", "pmu.TIE.active_power_pu"], Settings())
+    single, notes = distribution_figures(records[:1], ["w12", "pmu.TIE.active_power_pu"], Settings())
     assert notes == []
-    assert list(one) == ["spwvd_w12", "spwvd_pmu.TIE.active_power_pu"]
+    assert list(single) == ["spwvd_w12", "spwvd_pmu.TIE.active_power_pu"]
     several, _ = distribution_figures(records, ["w12"], Settings())
     assert list(several) == ["spwvd_w12_1", "spwvd_w12_2"]
-    for path in save(one | several, tmp_path):
+    for path in save(single | several, tmp_path):
         picture = imread(path)
         assert picture.shape[1] > 1000
         assert (picture[..., :3] < 0.5).any()

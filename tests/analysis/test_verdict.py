@@ -44,20 +44,20 @@ def wave(
 def test_decay_is_damped_growth_is_growing(sigma: float, frequency: float, phase: float, drift: float) -> None:
     line = 3 + drift * T
     for sign, verdict in ((-1, DAMPED), (1, GROWING)):
-        found = judge(T, wave(sign * sigma, frequency, phase) + line, 1.0)
-        assert found.verdict == verdict
+        judgement = judge(T, wave(sign * sigma, frequency, phase) + line, 1.0)
+        assert judgement.verdict == verdict
         if sign == 1 or sigma < 0.15:
-            assert found.growth
-            assert found.growth.low <= sign * sigma <= found.growth.high
+            assert judgement.growth
+            assert judgement.growth.low <= sign * sigma <= judgement.growth.high
 
 
 @given(frequency=FREQUENCY, phase=PHASE)
 @FEW
 def test_steady_wave_is_a_limit_cycle(frequency: float, phase: float) -> None:
     for x in (wave(0, frequency, phase), np.clip(3 * wave(0, frequency, phase), -1e-3, 1e-3)):
-        found = judge(T, x, 1.0)
-        assert found.verdict == LIMIT_CYCLE
-        assert found.amplitude_pu == pytest.approx(1e-3, rel=0.35)  # a clipped one is nearly a square: 1.27
+        judgement = judge(T, x, 1.0)
+        assert judgement.verdict == LIMIT_CYCLE
+        assert judgement.amplitude_pu == pytest.approx(1e-3, rel=0.35)  # a clipped one is nearly a square: 1.27
 
 
 def test_intervals_hold_the_truth_in_noise_and_growth_is_never_damped() -> None:
@@ -67,11 +67,11 @@ def test_intervals_hold_the_truth_in_noise_and_growth_is_never_damped() -> None:
     for _ in range(300):
         sigma, frequency, phase = random.uniform(-0.1, 0.1), random.uniform(0.4, 1.5), random.uniform(0, 6.3)
         noise = random.choice([1e-5, 3e-5]) * random.standard_normal(len(T))
-        found = judge(T, wave(sigma, frequency, phase) + noise, 1.0)
-        assert found.growth
-        assert not (sigma > 0.005 and found.verdict == DAMPED)
-        held.append(found.growth.low <= sigma <= found.growth.high)
-        widths.append(found.growth.high - found.growth.low)
+        judgement = judge(T, wave(sigma, frequency, phase) + noise, 1.0)
+        assert judgement.growth
+        assert not (sigma > 0.005 and judgement.verdict == DAMPED)
+        held.append(judgement.growth.low <= sigma <= judgement.growth.high)
+        widths.append(judgement.growth.high - judgement.growth.low)
     assert np.mean(held) > 0.95 - 1.64 * np.sqrt(0.95 * 0.05 / 300)
     assert np.median(widths) < 0.02  # narrow enough to say something: a damping ratio of 0.001 to each side
 
@@ -80,8 +80,8 @@ def test_intervals_hold_the_truth_in_noise_and_growth_is_never_damped() -> None:
 @FEW
 def test_beats_are_no_growth(sigma: float, apart: float, a: float, b: float) -> None:
     """Two modes whose envelope falls and rises by 19 to 1: their common growth counts."""
-    found = judge(LONG, wave(sigma, 0.7, a, t=LONG) + 0.9 * wave(sigma, 0.7 + apart, b, t=LONG), 1.0)
-    assert found.verdict == (DAMPED if sigma < 0 else GROWING if sigma > 0 else LIMIT_CYCLE)
+    judgement = judge(LONG, wave(sigma, 0.7, a, t=LONG) + 0.9 * wave(sigma, 0.7 + apart, b, t=LONG), 1.0)
+    assert judgement.verdict == (DAMPED if sigma < 0 else GROWING if sigma > 0 else LIMIT_CYCLE)
 
 
 def test_beats_that_are_slower_than_the_record_are_never_told_wrongly() -> None:
@@ -113,16 +113,16 @@ def test_verdict_is_of_the_slow_mode_behind_a_fast_decay(decay: float, frequency
 
 def test_swing_that_decays_to_chatter_is_not_damped() -> None:
     """Chatter: a wave of 10 to 20 % of the first swing, whose amplitude wanders by a tenth and whose phase wanders."""
-    found = []
+    judgements = []
     for seed in range(60):
         random = np.random.default_rng(seed)
         lag = np.exp(-1 / 60)  # of a second
         wander = lfilter([np.sqrt(1 - lag**2)], [1, -lag], random.standard_normal((2, len(LONG))), axis=1)
         size = random.uniform(1e-4, 2e-4) * (1 + 0.1 * wander[0])
         chatter = size * np.sin(2 * np.pi * 0.6 * LONG + 0.2 * wander[1] + random.uniform(0, 6.3))
-        found.append(judge(LONG, wave(-random.uniform(0.3, 1), 0.6, t=LONG) + chatter, 1.0))
-        assert found[-1].amplitude_pu == pytest.approx(np.median(size), rel=0.2)
-    verdicts = [one.verdict for one in found]
+        judgements.append(judge(LONG, wave(-random.uniform(0.3, 1), 0.6, t=LONG) + chatter, 1.0))
+        assert judgements[-1].amplitude_pu == pytest.approx(np.median(size), rel=0.2)
+    verdicts = [judgement.verdict for judgement in judgements]
     assert verdicts.count(LIMIT_CYCLE) >= 45
     assert verdicts.count(DAMPED) <= 3  # an interval of 95 % lies wholly below zero now and then
 
@@ -137,8 +137,8 @@ def test_growth_that_ends_at_a_limit_is_a_limit_cycle(frequency: float) -> None:
 
 
 def test_worst_signal_decides() -> None:
-    found = judge(T, np.column_stack([wave(-0.3), 0.2 * wave(0.05)]), 1.0, ["w12", "w13"])
-    assert (found.verdict, found.growth and found.growth.signal) == (GROWING, "w13")
+    judgement = judge(T, np.column_stack([wave(-0.3), 0.2 * wave(0.05)]), 1.0, ["w12", "w13"])
+    assert (judgement.verdict, judgement.growth and judgement.growth.signal) == (GROWING, "w13")
     assert judge(T, np.column_stack([wave(-0.3), 1e-3 * wave(0.05)]), 1.0).verdict == DAMPED  # too small to matter
     assert judge(T, np.column_stack([wave(0.0), wave(-0.1)]), 1.0).verdict == LIMIT_CYCLE
 
@@ -159,10 +159,10 @@ def test_still_signal_is_damped_and_noisy_or_short_ones_are_undecided() -> None:
 
 
 def test_of_a_summary(swing_record: Callable[..., Record]) -> None:
-    found: Any = summarise(swing_record(damping=0.0))
-    assert (found.verdict, found.damped) == (LIMIT_CYCLE, False)
-    assert found.limit_cycle.amplitude_pu == pytest.approx(2e-3, rel=0.05)
-    assert set(found.limit_cycle.saturation_duty) == {"sssc"}
+    summary: Any = summarise(swing_record(damping=0.0))
+    assert (summary.verdict, summary.damped) == (LIMIT_CYCLE, False)
+    assert summary.limit_cycle.amplitude_pu == pytest.approx(2e-3, rel=0.05)
+    assert set(summary.limit_cycle.saturation_duty) == {"sssc"}
     grows: Any = summarise(swing_record(damping=-0.1))
     assert (grows.verdict, grows.limit_cycle) == (GROWING, None)
     assert grows.growth_per_s.low <= 0.1 <= grows.growth_per_s.high
@@ -190,13 +190,13 @@ def test_swing_grows_whose_first_one_is_larger_than_what_follows() -> None:
     t, signals, last = record.time_s, columns(speed_differences(record)), event_times(record)[-1]
     page = (Path(__file__).parents[2] / "docs" / "measures.md").read_text(encoding="utf-8")
     for horizon in (20, 40, 60):
-        kept = t < horizon
-        found = judge(t[kept], signals[kept], last, list(speed_differences(record)))
-        assert found.verdict == GROWING
-        assert found.growth
-        assert 0.0 < found.growth.low < found.growth.high < 0.03
-        told = f"{found.growth.value:.4f} ({found.growth.low:.4f} to {found.growth.high:.4f})"
-        assert told in " ".join(page.split())
+        inside = t < horizon
+        judgement = judge(t[inside], signals[inside], last, list(speed_differences(record)))
+        assert judgement.verdict == GROWING
+        assert judgement.growth
+        assert 0.0 < judgement.growth.low < judgement.growth.high < 0.03
+        interval_text = f"{judgement.growth.value:.4f} ({judgement.growth.low:.4f} to {judgement.growth.high:.4f})"
+        assert interval_text in " ".join(page.split())
     w12, w13 = (speed_differences(record)[name] for name in ("w12", "w13"))
     assert np.ptp(w12[(t > 1) & (t < 3)]) > 1.2 * np.ptp(w12[(t > 3) & (t < 25)])
     assert np.ptp(w13[(t > 35) & (t < 40)]) > 1.3 * np.ptp(w13[(t > 7) & (t < 12)])  # it does grow
@@ -205,9 +205,9 @@ def test_swing_grows_whose_first_one_is_larger_than_what_follows() -> None:
 def test_tuned_lead_lag_far_from_its_training_is_a_limit_cycle() -> None:
     less: dict[str, Any] = {"system.machines.0.P": 500}
     record = simulate(scenario=TRIP, duration=40, controllers=[{"name": "LLC-tuned"}], **less)
-    found: Any = summarise(record)
-    assert found.verdict == LIMIT_CYCLE
-    assert found.limit_cycle.amplitude_pu > 5e-4
+    summary: Any = summarise(record)
+    assert summary.verdict == LIMIT_CYCLE
+    assert summary.limit_cycle.amplitude_pu > 5e-4
     assert summarise(tripped(40, name="LLC-tuned")).verdict == DAMPED
 
 

@@ -71,19 +71,19 @@ def ladder(order: float, *steps: float) -> list[Rung]:
 
 
 def test_time_at_equal_error_lies_on_the_power_law() -> None:
-    found = at_equal_error(ladder(2.0, 0.04, 0.02, 0.005), 1e-3)
-    assert found is not None
-    assert found.step_s == 0.005
-    assert found.error == pytest.approx(2.5e-4)
-    assert found.at_error_s == pytest.approx(1e-3 / math.sqrt(1e-4))
-    assert found.wall_s == pytest.approx(0.2)
+    equal = at_equal_error(ladder(2.0, 0.04, 0.02, 0.005), 1e-3)
+    assert equal is not None
+    assert equal.step_s == 0.005
+    assert equal.error == pytest.approx(2.5e-4)
+    assert equal.at_error_s == pytest.approx(1e-3 / math.sqrt(1e-4))
+    assert equal.wall_s == pytest.approx(0.2)
 
 
 def test_time_at_equal_error_is_not_extrapolated() -> None:
     assert at_equal_error(ladder(2.0, 0.02), 1e-4) is None
-    found = at_equal_error(ladder(2.0, 0.002, 0.001), 1e-3)
-    assert found is not None
-    assert found.at_error_s == found.wall_s == pytest.approx(0.5)
+    equal = at_equal_error(ladder(2.0, 0.002, 0.001), 1e-3)
+    assert equal is not None
+    assert equal.at_error_s == equal.wall_s == pytest.approx(0.5)
     assert sweep_step(ladder(2.0, 0.02, 0.01)) == 0.01  # none is within: the finest
     assert ratio(3.0, 1.5) == 2.0
     assert math.isnan(ratio(None, 1.0))
@@ -94,10 +94,10 @@ def test_common_drift_hides_nothing() -> None:
     t = np.arange(0.0, 20.001, 0.01)
     speeds = np.outer(np.sin(4 * t), [1e-3, -1e-3, 0.0, 0.0])
     drift = speeds + 0.01 * t[:, None]
-    one, other = swings(TimedRun(0.0, 0.0, t, speeds)), swings(TimedRun(0.0, 0.0, t, drift))
-    assert one.shape == (4, round((20.0 - FAULT_END) * RATE))
-    assert difference(one, other) < 1e-9
-    assert difference(2 * one, one) == pytest.approx(1.0)
+    still, other = swings(TimedRun(0.0, 0.0, t, speeds)), swings(TimedRun(0.0, 0.0, t, drift))
+    assert still.shape == (4, round((20.0 - FAULT_END) * RATE))
+    assert difference(still, other) < 1e-9
+    assert difference(2 * still, still) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
@@ -111,7 +111,7 @@ def test_steps_meet_instants_and_fault(name: str) -> None:
 
 def test_extra_names_what_the_table_asks_for() -> None:
     text = (Path(__file__).parents[2] / "reproduction" / "pyproject.toml").read_text()
-    for name in (*HELICS, *(one for row in PROGRAMS.values() for one in row.distributions)):
+    for name in (*HELICS, *(distribution_name for row in PROGRAMS.values() for distribution_name in row.distributions)):
         assert re.search(rf"['\"]{name}==", text)
     assert missing(("numpy", "no-such-distribution")) == "not installed (pip install no-such-distribution)"
     assert missing(("numpy",)) == ""
@@ -120,15 +120,15 @@ def test_extra_names_what_the_table_asks_for() -> None:
 def test_load_is_that_of_the_file() -> None:
     system = load_system(SYSTEM)
     assert (system.loads[0].bus, system.loads[0].P) == ("B7", LOAD)
-    made = grid(1.1)
-    assert made.loads[0][2] == pytest.approx(complex(1.1 * LOAD, system.loads[0].Q) / system.base_power)
-    assert sum(made.power.values()).real > sum(s.real for _, _, s in made.loads)  # and losses
+    bench_grid = grid(1.1)
+    assert bench_grid.loads[0][2] == pytest.approx(complex(1.1 * LOAD, system.loads[0].Q) / system.base_power)
+    assert sum(bench_grid.power.values()).real > sum(s.real for _, _, s in bench_grid.loads)  # and losses
 
 
 def test_our_errors_fall_with_the_step() -> None:
     case, end = grid(), 3.0
-    found = {step: swings(ours.run(None, case, step, end=end), end) for step in (0.02, 0.01, 0.005, 0.00125)}
-    errors = [difference(found[step], found[0.00125]) for step in (0.02, 0.01, 0.005)]
+    courses = {step: swings(ours.run(None, case, step, end=end), end) for step in (0.02, 0.01, 0.005, 0.00125)}
+    errors = [difference(courses[step], courses[0.00125]) for step in (0.02, 0.01, 0.005)]
     assert errors == sorted(errors, reverse=True)
     assert errors[1] < 1e-3
     assert errors[2] < errors[0] / 16
@@ -139,11 +139,11 @@ def test_programs_side_by_side(table: dict[str, Program], monkeypatch: pytest.Mo
     shown: list[tuple[int, int]] = []
     results = study.measure(["second", "dies", "absent"], lambda *at: shown.append(at), 2, table)
     first, second, dies, absent = results
-    assert [one.name for one in results] == [OURS, "second", "dies", "absent"]
+    assert [result.name for result in results] == [OURS, "second", "dies", "absent"]
     assert absent.failed == "not installed (pip install no-such-distribution)"
     assert dies.failed == "its process ended with 3: the last line"
-    assert all(not one.rungs for one in (dies, absent))
-    assert [one.step_s for one in second.rungs] == [0.02, 0.01, 0.005]
+    assert all(not result.rungs for result in (dies, absent))
+    assert [step_rung.step_s for step_rung in second.rungs] == [0.02, 0.01, 0.005]
     assert second.rungs[0].error / second.rungs[1].error == pytest.approx(4.0, rel=0.2)
     assert first.rungs[0].error / first.rungs[1].error == pytest.approx(16.0, rel=0.2)
     assert second.from_ours < 1e-3
@@ -155,7 +155,7 @@ def test_programs_side_by_side(table: dict[str, Program], monkeypatch: pytest.Mo
     text = "\n".join(pages.text(results, []))
     assert "Absent: not installed (pip install no-such-distribution)" in text
     assert "Second: note of second" in text
-    beside = {one["name"]: one for one in pages.document(results, [])["programs"]}
+    beside = {program["name"]: program for program in pages.document(results, [])["programs"]}
     costs = [beside[name]["at_equal_error"]["at_error_s"] for name in ("second", OURS)]
     assert beside["second"]["ratio"] == pytest.approx(costs[0] / costs[1])
     assert beside[OURS]["ratio"] == 1.0
@@ -164,10 +164,10 @@ def test_programs_side_by_side(table: dict[str, Program], monkeypatch: pytest.Mo
 def test_without_a_sweep_there_are_ladders_alone(table: dict[str, Program]) -> None:
     done: list[tuple[int, int]] = []
     results = study.measure(["second"], lambda *at: done.append(at), 1, table, sweep=False)
-    assert [len(one.rungs) for one in results] == [3, 3]
-    assert all(one.sweep is None for one in results)
+    assert [len(result.rungs) for result in results] == [3, 3]
+    assert all(result.sweep is None for result in results)
     assert done[-1][0] == done[-1][1]
-    assert all(one["sweep"] is None for one in pages.document(results, [])["programs"])
+    assert all(program["sweep"] is None for program in pages.document(results, [])["programs"])
 
 
 WAITS = """
@@ -191,11 +191,11 @@ def gone(pid: int) -> bool:
 
 
 def test_interrupt_leaves_no_process(table: dict[str, Program], tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), session(waits(tmp_path)) as one:
+    with pytest.raises(KeyboardInterrupt), session(waits(tmp_path)) as started:
         raise KeyboardInterrupt
-    assert one.process.returncode is not None
-    with session("no_such_module") as one, pytest.raises(RunError, match="No module named 'no_such_module'"):
-        one.read()
+    assert started.process.returncode is not None
+    with session("no_such_module") as started, pytest.raises(RunError, match="No module named 'no_such_module'"):
+        started.read()
 
 
 @pytest.mark.parametrize("starts", [True, False])
@@ -206,9 +206,9 @@ def test_killed_command_leaves_no_process(
     text = "import sys\nfrom facts_damping_bench.session import session\nwith session('waits') as one:\n"
     waits(tmp_path)
     monkeypatch.setenv("TMPDIR", str(tmp_path))  # its folder is left
-    told = [sys.executable, "-c", text + "    print(one.process.pid, flush=True)\n    sys.stdin.read()\n"]
+    command = [sys.executable, "-c", text + "    print(one.process.pid, flush=True)\n    sys.stdin.read()\n"]
     end = time.monotonic() + 60.0
-    with subprocess.Popen(told, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
         pid = int(parent.stdout.readline())
         while not (starts or (tmp_path / "at work").exists()):
@@ -241,10 +241,10 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest
     assert "TOPS: not installed (pip install tops)" in said
     assert "HELICS: not installed (pip install no-such)" in said
     assert (tmp_path / "new" / "bench.png").stat().st_size > 1000
-    found = json.loads((tmp_path / "bench.json").read_text())
-    assert [one["failed"] for one in found["programs"]] == [None, "not installed (pip install tops)"]
-    assert found["programs"][0]["sweep"]["runs_per_s"] == 50.0
-    assert found["lockstep"][1]["per_s"] is None
+    report = json.loads((tmp_path / "bench.json").read_text())
+    assert [program["failed"] for program in report["programs"]] == [None, "not installed (pip install tops)"]
+    assert report["programs"][0]["sweep"]["runs_per_s"] == 50.0
+    assert report["lockstep"][1]["per_s"] is None
     assert main(["bench", "tops", "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["lockstep"] == []
     assert main(["bench", "helics", "--json", "-"]) == 0

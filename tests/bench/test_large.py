@@ -17,15 +17,21 @@ from tests.commands import assert_one_line
 
 
 @pytest.fixture
-def made(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
+def large_case(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
     folder = CASES / "npcc"
     monkeypatch.setattr(large_ours, "files", lambda: (folder / "npcc.raw", folder / "npcc_full.dyr"))
     return large_ours.prepare(grid(), folder)
 
 
-def test_large_case_has_the_counts_that_its_text_states(made: dict[str, list[dict[str, object]]]) -> None:
-    models = Counter(machine["model"] for machine in made["machines"])
-    counts = [len(made["buses"]), models.total(), models["classical"], len(made["exciters"]), len(made["governors"])]
+def test_large_case_has_the_counts_that_its_text_states(large_case: dict[str, list[dict[str, object]]]) -> None:
+    models = Counter(machine["model"] for machine in large_case["machines"])
+    counts = [
+        len(large_case["buses"]),
+        models.total(),
+        models["classical"],
+        len(large_case["exciters"]),
+        len(large_case["governors"]),
+    ]
     assert re.findall(r"\d+", large.SHOWN.text) == [str(count) for count in counts]
 
 
@@ -34,12 +40,12 @@ def test_steps_meet_instants() -> None:
         assert all(1.0 / RATE / step == pytest.approx(round(1.0 / RATE / step)) for step in row.steps)
 
 
-def test_our_errors_are_small_though_limits_act(made: dict[str, object]) -> None:
+def test_our_errors_are_small_though_limits_act(large_case: dict[str, object]) -> None:
     """Regulators meet their limits after the fault: errors do not fall with the fourth power there."""
     case = grid()
-    found = {step: swings(large_ours.run(made, case, step)) for step in (0.01, 0.005, 0.000625)}
-    assert found[0.01].shape == (48, round((20.0 - FAULT_END) * RATE))
-    errors = [difference(found[step], found[0.000625]) for step in (0.01, 0.005)]
+    courses = {step: swings(large_ours.run(large_case, case, step)) for step in (0.01, 0.005, 0.000625)}
+    assert courses[0.01].shape == (48, round((20.0 - FAULT_END) * RATE))
+    errors = [difference(courses[step], courses[0.000625]) for step in (0.01, 0.005)]
     assert errors[0] < 4e-3
     assert errors[1] < 2e-3
 

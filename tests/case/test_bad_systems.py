@@ -26,10 +26,10 @@ SYSTEMS = {name: load_system(name).model_dump(by_alias=True) for name in ("two_a
 
 def altered(name: str, changes: Changes) -> dict[str, Any]:
     """A shipped system with other values at key paths: `+` adds a row, a value of ... takes the key away."""
-    made = copy.deepcopy(SYSTEMS[name])
+    content = copy.deepcopy(SYSTEMS[name])
     for path, value in changes.items():
         *keys, last = path.split(".")
-        here: Any = made
+        here: Any = content
         for key in keys:
             here = here[int(key) if isinstance(here, list) else key]
         if last == "+":
@@ -38,7 +38,7 @@ def altered(name: str, changes: Changes) -> dict[str, Any]:
             del here[last]
         else:
             here[int(last) if isinstance(here, list) else last] = value
-    return made
+    return content
 
 
 def sssc(name: str, **fields: Any) -> dict[str, Any]:

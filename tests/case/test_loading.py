@@ -55,8 +55,8 @@ def at(content: Any, path: tuple[Any, ...]) -> Any:
 
 
 def mutate(content: Any, path: tuple[Any, ...], how: str, junk: Any) -> Any:
-    made = copy.deepcopy(content)
-    here = at(made, path[:-1])
+    mutated = copy.deepcopy(content)
+    here = at(mutated, path[:-1])
     if how == "replace":
         here[path[-1]] = junk
     elif how == "remove":
@@ -65,7 +65,7 @@ def mutate(content: Any, path: tuple[Any, ...], how: str, junk: Any) -> Any:
         here[f"{path[-1]}_x"] = here.pop(path[-1])
     else:
         here.append(junk)
-    return made
+    return mutated
 
 
 def assert_one_line(error: InputError) -> None:
@@ -113,15 +113,15 @@ def test_random_mutation_is_refused_in_one_line_or_runs(base: Any, how: str, jun
 
 def numbers() -> Iterator[list[tuple[Any, tuple[Any, ...]]]]:
     """Each number of the runs with its path: those of a field in rows of a list that are of one kind together."""
-    found: dict[Any, list[tuple[Any, tuple[Any, ...]]]] = {}
+    by_field: dict[Any, list[tuple[Any, tuple[Any, ...]]]] = {}
     for name, bases in (("run", OF_RUN), ("network", OF_NETWORK), ("supervision", OF_SUPERVISION)):
         for base, path in bases:
             if type(at(base, path)) in (int, float):
                 rows = [at(base, path[: i + 1]) for i in range(len(path))]
                 kinds = [row.get("kind") if isinstance(row, dict) else None for row in rows]
                 field = [(k, kind) if isinstance(k, str) else ("", kind) for k, kind in zip(path, kinds, strict=True)]
-                found.setdefault((name, *field), []).append((base, path))
-    return iter(found.values())
+                by_field.setdefault((name, *field), []).append((base, path))
+    return iter(by_field.values())
 
 
 @pytest.mark.parametrize(("extreme", "row"), [(5e-324, 0), (1e-160, -1), (1e160, 0), (-1e-160, -1)], ids=str)
@@ -317,22 +317,22 @@ SENSITIVITY = [
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
 @pytest.mark.parametrize(("sets", "said"), SENSITIVITY, ids=["wrong sign", "no sign"])
 def test_sensitivity_that_is_not_the_plants_is_refused_with_the_reason(scheme: str, sets: list[str], said: str) -> None:
-    own = ["scenario=large", "controllers.0.name=ANFTSC", f"controllers.0.scheme={scheme}"]
+    run_sets = ["scenario=large", "controllers.0.name=ANFTSC", f"controllers.0.scheme={scheme}"]
     with pytest.raises(InputError) as caught:
-        loop.build_loop(load_case(None, [*own, *sets]))
+        loop.build_loop(load_case(None, [*run_sets, *sets]))
     assert said in str(caught.value)
     assert "the residue from sssc to" in str(caught.value)
     assert_one_line(caught.value)
 
 
 def test_parameters_come_from_the_table_the_tuning_and_the_run_in_this_order() -> None:
-    own = ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct"]
-    (found,) = load_case(None, [*own, "controllers.0.parameters.eta=0.5"]).controllers
+    run_sets = ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct"]
+    (row,) = load_case(None, [*run_sets, "controllers.0.parameters.eta=0.5"]).controllers
     chosen = tuned("two_area")["ANFTSC", "direct"]
-    assert found.parameters["eta"] == 0.5
-    assert found.parameters["scale"] == chosen["scale"]
-    assert found.parameters["projection"] == "on"
-    (raw,) = load_case(None, [*own, "controllers.0.profile=thesis"]).controllers
+    assert row.parameters["eta"] == 0.5
+    assert row.parameters["scale"] == chosen["scale"]
+    assert row.parameters["projection"] == "on"
+    (raw,) = load_case(None, [*run_sets, "controllers.0.profile=thesis"]).controllers
     assert raw.parameters["projection"] == "off"
     assert raw.parameters["scale"] == chosen["scale"]
 
@@ -357,8 +357,8 @@ LINKS = [
 @pytest.mark.parametrize(("sets", "delays", "used"), LINKS, ids=[" ".join(sets) or "none" for sets, _, _ in LINKS])
 def test_controller_uses_its_own_link_or_that_of_the_run(sets: list[str], delays: list[float], used: list[int]) -> None:
     case = load_case(None, [*BOTH, *sets])
-    found = [mean_delay([*link.up, *link.down]) for link in case.links]
-    assert found == pytest.approx(delays)
+    delays_found = [mean_delay([*link.up, *link.down]) for link in case.links]
+    assert delays_found == pytest.approx(delays)
     assert case.used_links == used
     assert all(isinstance(c["link"], dict) or c["link"] is None for c in case.document()["controllers"])
     again = make_case(case.document(), "again")
@@ -372,9 +372,9 @@ def test_without_controllers_the_runs_link_is_there() -> None:
 
 
 def test_lag_of_an_identifier_is_that_of_its_controllers_own_link() -> None:
-    own = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "link.up.0.delay=0.3"]
-    assert load_case(None, own).controllers[0].parameters["loop_delay"] == 0.3
-    assert load_case(None, [*own, "controllers.0.link=delay_100ms"]).controllers[0].parameters["loop_delay"] == 0.1
+    run_sets = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "link.up.0.delay=0.3"]
+    assert load_case(None, run_sets).controllers[0].parameters["loop_delay"] == 0.3
+    assert load_case(None, [*run_sets, "controllers.0.link=delay_100ms"]).controllers[0].parameters["loop_delay"] == 0.1
 
 
 def test_nodes_and_links_have_distinct_addresses() -> None:

@@ -55,9 +55,9 @@ def test_case_is_balanced_at_its_voltages(name: str, tmp_path: Path) -> None:
 def test_case_that_is_imported_again_has_the_same_power_flow(name: str, tmp_path: Path) -> None:
     path = tmp_path / "again.m"
     main(["export", name, "--out", str(path)])
-    own = solve(load_system(name))
+    flow = solve(load_system(name))
     again = solve(check(System, import_case(path).content, str(path)))
-    assert np.abs(own.voltage - again.voltage).max() < 1e-8
+    assert np.abs(flow.voltage - again.voltage).max() < 1e-8
 
 
 def test_name_that_matlab_cannot_have_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

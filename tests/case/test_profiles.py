@@ -52,11 +52,11 @@ def test_deployment_has_what_its_page_says() -> None:
     assert (case.run.measurement, case.measurement.filter) == ("p_class", "p_class")
     assert (case.run.link, case.run.supervision, case.run.arm_at) == ("pdci", "standard", 0.5)
     assert case.run.load_noise is not None
-    assert all(one.enabled for one in case.system.governors)
-    assert [one.enabled for one in case.system.stabilisers] == [True, False, True, False]
-    assert {one.P_fractions.current for one in case.system.loads} == {1.0}
-    assert {(one.response_time, one.dead_time) for one in case.system.devices} == {(0.015, 0.002)}
-    assert [one.model_dump()["g"] for one in case.system.devices] == [0.004, 0.01]
+    assert all(governor.enabled for governor in case.system.governors)
+    assert [stabiliser.enabled for stabiliser in case.system.stabilisers] == [True, False, True, False]
+    assert {load.P_fractions.current for load in case.system.loads} == {1.0}
+    assert {(device.response_time, device.dead_time) for device in case.system.devices} == {(0.015, 0.002)}
+    assert [device.model_dump()["g"] for device in case.system.devices] == [0.004, 0.01]
     assert case.controllers[0].signals == ["frequency"]
 
 
@@ -68,7 +68,7 @@ def test_fields_set_by_the_user_override_the_profile() -> None:
     sets = [DEPLOYMENT, "link=ideal", "system.governors.0.enabled=false", "controllers.0.signals=[f13]"]
     case = load_case("two_area_small", sets)
     assert case.run.link == "ideal"
-    assert [one.enabled for one in case.system.governors] == [False, True, True, True]
+    assert [governor.enabled for governor in case.system.governors] == [False, True, True, True]
     assert case.controllers[0].signals == ["f13"]
 
 
@@ -114,20 +114,20 @@ def test_without_supervision_nothing_is_to_be_armed() -> None:
 def test_design_does_not_know_what_is_changed_after_the_profile(name: str) -> None:
     sets = [DEPLOYMENT, f"controllers.0={{name: {name}, signals: [frequency]}}"]
     changed = [*sets, "system.loads.0.P=900", "system.machines.0.H=5"]
-    own, other = load_case(None, sets), load_case(None, changed)
-    assert own.system != other.system
-    assert own.designed_on == other.designed_on == own.system
-    np.testing.assert_array_equal(known(own), known(other))
-    told = load_case(None, [*changed, "model=null"])
-    assert told.designed_on == told.system
-    assert not np.array_equal(known(own), known(told))
+    case, other = load_case(None, sets), load_case(None, changed)
+    assert case.system != other.system
+    assert case.designed_on == other.designed_on == case.system
+    np.testing.assert_array_equal(known(case), known(other))
+    redesigned = load_case(None, [*changed, "model=null"])
+    assert redesigned.designed_on == redesigned.system
+    assert not np.array_equal(known(case), known(redesigned))
 
 
 def test_residues_for_adaptation_are_of_the_model_not_of_the_plant() -> None:
-    one, other = (plant_residues(load_case(None, [DEPLOYMENT, f"system.machines.0.H={H}"])) for H in (6.5, 4.0))
-    assert one is not None
+    residues, other = (plant_residues(load_case(None, [DEPLOYMENT, f"system.machines.0.H={H}"])) for H in (6.5, 4.0))
+    assert residues is not None
     assert other is not None
-    assert one.eigenvalue == other.eigenvalue
+    assert residues.eigenvalue == other.eigenvalue
 
 
 def test_model_may_be_another_file() -> None:

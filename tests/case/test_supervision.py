@@ -16,8 +16,8 @@ from facts_damping.simulation.build import build_control, build_supervisors
 
 
 def fallback(**more: object) -> str:
-    own = {"name": "LLC", "signals": ["power_rate"], "fallback_of": 0, **more}
-    return f"controllers={json.dumps([{'name': 'LLC'}, own])}"
+    row = {"name": "LLC", "signals": ["power_rate"], "fallback_of": 0, **more}
+    return f"controllers={json.dumps([{'name': 'LLC'}, row])}"
 
 
 ON, PROBED = "supervision=standard", "supervision=probed"
@@ -108,8 +108,8 @@ def test_probe_needs_a_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("facts_damping.simulation.build.plant_residues", lambda _: None)
     with pytest.raises(InputError, match=r"^supervision\.arming\.probe: true given; allowed: no probe, as the plant"):
         build_supervisors(load_case(None, [PROBED]))
-    made, _ = build_supervisors(load_case(None, [ON]))
-    assert made.settings["omega"].tolist() == [0.0]
+    supervisors, _ = build_supervisors(load_case(None, [ON]))
+    assert supervisors.settings["omega"].tolist() == [0.0]
 
 
 @pytest.mark.parametrize("name", shipped("supervision"))
@@ -117,8 +117,8 @@ def test_presets_supervise_any_controller(name: str) -> None:
     for sets in ([], ["controllers.0.name=HBsWC"], ["system=smib", "scenario=heavy"], [fallback()]):
         case = load_case(None, [f"supervision={name}", *sets])
         build_control(case)
-        made, _ = build_supervisors(case)
-        assert made.settings.size == 1
+        supervisors, _ = build_supervisors(case)
+        assert supervisors.settings.size == 1
         assert load_case(None, [f"supervision={json.dumps(case.document()['supervision'])}"]).supervision
 
 

@@ -27,8 +27,8 @@ window: [1, 2]
 
 def test_graphs_are_made_once_and_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "small.yaml").write_text(CAMPAIGN)
-    made, out = campaign.plan(str(tmp_path / "small.yaml")), tmp_path / "out"
-    rows = campaign_graphs.graphs(made, out, 2, Progress("test", "graphs"))
+    plan, out = campaign.plan(str(tmp_path / "small.yaml")), tmp_path / "out"
+    rows = campaign_graphs.graphs(plan, out, 2, Progress("test", "graphs"))
     assert [(row.number, row.graph, row.error) for row in rows] == [(0, True, None), (1, True, None)]
     assert {row.cells["fault"]: row.cells["mode"] for row in rows} == {"biased": "lockstep", "hung": "realtime"}
     assert all(isinstance(row.invariants[name], bool) for row in rows for name in INVARIANTS)
@@ -40,15 +40,17 @@ def test_graphs_are_made_once_and_hold(tmp_path: Path, monkeypatch: pytest.Monke
         raise AssertionError
 
     monkeypatch.setattr(campaign_graphs, "one_graph", never)
-    assert campaign_graphs.graphs(made, out, 2, Progress("test", "graphs")) == rows
+    assert campaign_graphs.graphs(plan, out, 2, Progress("test", "graphs")) == rows
 
 
 def test_draw_without_its_fault_is_the_same_otherwise(tmp_path: Path) -> None:
     (tmp_path / "small.yaml").write_text(CAMPAIGN)
-    made = campaign.plan(str(tmp_path / "small.yaml"), ["frame_rate=50"])
+    plan = campaign.plan(str(tmp_path / "small.yaml"), ["frame_rate=50"])
     for number in range(4):
-        drawn = campaign.draw(made, number, real=True)
-        case, healthy = campaign.case_of(made, drawn), campaign.case_of(made, campaign.healthy(made, drawn))
+        drawn = campaign.draw(plan, number, real=True)
+        case, healthy = campaign.case_of(plan, drawn), campaign.case_of(plan, campaign.healthy(plan, drawn))
         assert (case.run.seed, case.duration, case.run.frame_rate) == (healthy.run.seed, 4.0, 50)
         assert healthy.run.controllers[0].faults == []
-        assert [type(one) for one in healthy.link.up] == [type(one) for one in case.link.up[: len(healthy.link.up)]]
+        assert [type(stage) for stage in healthy.link.up] == [
+            type(stage) for stage in case.link.up[: len(healthy.link.up)]
+        ]

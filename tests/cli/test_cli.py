@@ -67,15 +67,15 @@ def json_of(inside: Inside) -> Callable[..., Any]:
 
 
 def test_digest_is_the_last_line_where_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    told, run = [], ["simulate", "two_area_small", "--json", str(tmp_path / "result.json"), "--set"]
+    last_lines, run = [], ["simulate", "two_area_small", "--json", str(tmp_path / "result.json"), "--set"]
     for more in (["duration=2", "--digest"], ["duration=1", "--digest"], ["duration=2"]):
         assert main([*run, *more]) == 0
-        told.append(capsys.readouterr().out.splitlines()[-1])
+        last_lines.append(capsys.readouterr().out.splitlines()[-1])
     digest = json.loads((tmp_path / "result.json").read_text())["digest"]
-    assert told[0] == f"digest: {digest}"
-    assert told[1].startswith("digest: ")
-    assert told[1] != told[0]
-    assert not told[2].startswith("digest")
+    assert last_lines[0] == f"digest: {digest}"
+    assert last_lines[1].startswith("digest: ")
+    assert last_lines[1] != last_lines[0]
+    assert not last_lines[2].startswith("digest")
 
 
 def test_simulate_gives_the_promised_fields(json_of: Callable[..., Any]) -> None:
@@ -107,8 +107,8 @@ def test_full_disk_is_told_in_one_line(json_to: str, named: str) -> None:
     with Path("/dev/full" if json_to == "-" else os.devnull).open("w") as output:
         done = call("list", "runs", "--json", json_to, output=output)
     assert done.returncode == 2
-    told = "cannot be written: No space left on device; allowed: a place with room for it"
-    assert done.stderr == f"facts-damping: {named}: {told}\n"
+    problem = "cannot be written: No space left on device; allowed: a place with room for it"
+    assert done.stderr == f"facts-damping: {named}: {problem}\n"
 
 
 def test_unstable_run_is_a_result(json_of: Callable[..., Any]) -> None:
@@ -246,16 +246,16 @@ def test_modes_without_devices_has_no_inputs(tmp_path: Path, inside: Inside) -> 
 
 def test_modes_starts_from_the_dispatch_of_a_scenario(inside: Inside) -> None:
     """Heavy loading of the single machine: 2100 MW, and a mode that grows."""
-    found = {}
+    starts = {}
     for scenario in ("heavy", "light"):
         result = json.loads(inside("modes", "smib", "--scenario", scenario, "--json", "-"))
         (mode,) = [mode for mode in result["modes"] if mode["label"] == "local"]
-        found[scenario] = next(b["p_mw"] for b in result["power_flow"]["buses"] if b["name"] == "B1"), mode
-    assert found["heavy"][0] == pytest.approx(2100)
-    assert found["light"][0] == pytest.approx(840)
-    assert found["heavy"][1]["frequency_hz"] == pytest.approx(1.236, abs=5e-4)
-    assert found["heavy"][1]["damping_ratio"] == pytest.approx(-0.005, abs=5e-4)
-    assert found["light"][1]["damping_ratio"] > 0.05
+        starts[scenario] = next(b["p_mw"] for b in result["power_flow"]["buses"] if b["name"] == "B1"), mode
+    assert starts["heavy"][0] == pytest.approx(2100)
+    assert starts["light"][0] == pytest.approx(840)
+    assert starts["heavy"][1]["frequency_hz"] == pytest.approx(1.236, abs=5e-4)
+    assert starts["heavy"][1]["damping_ratio"] == pytest.approx(-0.005, abs=5e-4)
+    assert starts["light"][1]["damping_ratio"] > 0.05
 
 
 @pytest.mark.parametrize(
@@ -297,8 +297,8 @@ def test_degraded_run_is_told_in_one_line() -> None:
         check_ended_well(joined, replace(record, gap_tick=7, messages_lost=2), bad)
     assert str(caught.value) == said
     recorded = [RefusedMessages("/wan_link", "/pmu/frames", "publisher", "/forger", 2)]
-    told = r"refused messages: 2 by publisher; 5 of 17 ticks were not recorded$"  # as the table of the recording
-    with pytest.raises(DegradedError, match=told):
+    reason = r"refused messages: 2 by publisher; 5 of 17 ticks were not recorded$"  # as the table of the recording
+    with pytest.raises(DegradedError, match=reason):
         check_ended_well(replace(result, refused_messages=recorded), record, bad)
 
 
@@ -324,9 +324,9 @@ def test_folder_that_is_removed_under_way_ends_the_command_in_a_line(
     holder = Journal if module.endswith("Journal") else sys.modules.get(module) or import_module(module)
     before = getattr(holder, name)
 
-    def removing(*given: Any) -> Any:
+    def removing(*positional: Any) -> Any:
         rmtree("out", ignore_errors=True)
-        return before(*given)
+        return before(*positional)
 
     monkeypatch.setattr(holder, name, removing)
     assert main([*command, "--out", "out"]) == 2
@@ -339,8 +339,8 @@ def test_folder_that_is_removed_under_way_ends_the_command_in_a_line(
 def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("time.strftime", lambda _: "20260101-120000")
-    made = [new_folder(out_folder(Namespace(out=None), "one")) for _ in range(3)]
-    assert [one.name for one in made] == [f"20260101-120000-one{more}" for more in ("", "-2", "-3")]
+    folders = [new_folder(out_folder(Namespace(out=None), "one")) for _ in range(3)]
+    assert [folder.name for folder in folders] == [f"20260101-120000-one{more}" for more in ("", "-2", "-3")]
 
 
 @pytest.mark.parametrize(

@@ -21,8 +21,8 @@ def test_its_own_tests_pass_in_process_and_as_a_node(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["new", "controller", "my_damper"]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith("my_damper: my_damper.py, run.yaml, study.yaml, test_my_damper.py\n")
+    output = capsys.readouterr().out
+    assert output.startswith("my_damper: my_damper.py, run.yaml, study.yaml, test_my_damper.py\n")
     assert "class MyDamper:" in (tmp_path / "my_damper" / "my_damper.py").read_text()
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
     done = subprocess.run(command, cwd=tmp_path / "my_damper", capture_output=True, text=True, check=False)

@@ -26,12 +26,12 @@ def shown() -> dict[str, str]:
         started = subprocess.Popen([sys.executable, "-c", SILENT + program], stderr=its_side, stdout=its_side)
         os.close(its_side)
         running[program] = started, terminal
-    found = {}
+    texts = {}
     for program, (started, terminal) in running.items():
         assert started.wait(60) == 0
-        with os.fdopen(terminal, "rb", buffering=0) as told:
-            found[program] = told.read(4096).decode().replace("\r\n", "\n")
-    return found
+        with os.fdopen(terminal, "rb", buffering=0) as output:
+            texts[program] = output.read(4096).decode().replace("\r\n", "\n")
+    return texts
 
 
 @pytest.mark.parametrize(("program", "last"), [(SLEEPS, "\r\x1b[K"), (SAYS, "\r\x1b[Kdone\n")])

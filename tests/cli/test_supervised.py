@@ -23,27 +23,27 @@ def test_run_whose_controller_was_tripped_ends_with_3_and_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "result.json"
-    given = ["simulate", "two_area_small", "--supervised", "--set", WRONG_SIGN, "--set", "duration=8"]
-    assert main([*given, "--json", str(path)]) == 3
+    command = ["simulate", "two_area_small", "--supervised", "--set", WRONG_SIGN, "--set", "duration=8"]
+    assert main([*command, "--json", str(path)]) == 3
     out, err = capsys.readouterr()
     assert err == TRIPPED
     assert "armed at 0.50 s; tripped at 5.43 s: harm 0.186 1/s, more than 0.03\n" in out
-    (found,) = json.loads(path.read_text())["supervision"]
-    assert (found["controller"], found["trips"]) == ("controller_0_LLC", 1)
+    (history,) = json.loads(path.read_text())["supervision"]
+    assert (history["controller"], history["trips"]) == ("controller_0_LLC", 1)
 
 
 def test_graph_is_told_as_the_same_run_in_process(tmp_path: Path) -> None:
-    given = ["two_area_small", "--supervised", "--set", WRONG_SIGN, "--set", "duration=6"]
+    command = ["two_area_small", "--supervised", "--set", WRONG_SIGN, "--set", "duration=6"]
     paths = [tmp_path / name for name in ("run.json", "simulate.json", "analyze.json")]
     with opened():
-        assert main(["run", *given, "--out", str(tmp_path), "--json", str(paths[0])]) == 3
-    assert main(["simulate", *given, "--json", str(paths[1])]) == 3
+        assert main(["run", *command, "--out", str(tmp_path), "--json", str(paths[0])]) == 3
+    assert main(["simulate", *command, "--json", str(paths[1])]) == 3
     again = ["--out", str(tmp_path / "again"), "--json", str(paths[2])]
     assert main(["analyze", str(tmp_path / "recording"), *again]) == 0
-    made, computed, (read,) = (json.loads(path.read_text()) for path in paths)
+    recorded, computed, (read,) = (json.loads(path.read_text()) for path in paths)
     for name in ("supervision", "latency_ms"):
-        assert made[name] == computed[name] == read[name], name
-    assert made["supervision"][0]["trips"] == 1
+        assert recorded[name] == computed[name] == read[name], name
+    assert recorded["supervision"][0]["trips"] == 1
     assert {"supervision.png", "monitors.png"} <= {path.name for path in (tmp_path / "again").iterdir()}
 
 
@@ -90,10 +90,10 @@ def test_run_s_own_supervision_stays_unless_another_is_named(tmp_path: Path) -> 
 
 def test_preset_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "--supervised", "two_area_small"]) == 2
-    told = (
+    problem = (
         "supervision: 'two_area_small' given, one of the runs, which `facts-damping simulate` takes; allowed: probed, "
     )
-    assert capsys.readouterr().err.startswith(f"facts-damping: {told}")
+    assert capsys.readouterr().err.startswith(f"facts-damping: {problem}")
 
 
 def test_list_names_presets_and_monitors(capsys: pytest.CaptureFixture[str]) -> None:
@@ -105,6 +105,6 @@ def test_list_names_presets_and_monitors(capsys: pytest.CaptureFixture[str]) -> 
     assert all(set(row) == {"name", *MONITORS["harm"]._fields} for row in rows)
     assert main(["list", "monitors"]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("harm")]
-    told = line.removeprefix("harm").strip().removeprefix(MONITORS["harm"].description)
-    assert told.split()[:8] == ["grid", "0.03", "0", "10", "1/s", "1.5", "cycles", "trip"]
+    columns = line.removeprefix("harm").strip().removeprefix(MONITORS["harm"].description)
+    assert columns.split()[:8] == ["grid", "0.03", "0", "10", "1/s", "1.5", "cycles", "trip"]
     assert line.endswith(MONITORS["harm"].reason)

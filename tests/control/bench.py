@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.control.bank import Known, act, bank, settings
+from facts_damping.control.bank import Known, act, build_bank, settings
 from facts_damping.control.inputs import Wiring
 from facts_damping.control.neuro_fuzzy import PlantPrior
 from facts_damping.control.table import SETTINGS, defaults, kind
@@ -83,7 +83,9 @@ class Bench:
     ) -> None:
         """`plant`: what networks know of it; none: SIGN, and signals that swing alike."""
         plants = [None if c.scheme is None else plant or known(len(c.signals), len(c.devices)) for c in controllers]
-        self.bank, self.state = bank(controllers, Wiring(signals, PMUS, limits, FRAMES), [Known(one) for one in plants])
+        self.bank, self.state = build_bank(
+            controllers, Wiring(signals, PMUS, limits, FRAMES), [Known(prior) for prior in plants]
+        )
         self.tick = 0
 
     def give(self, *entries: Entry, controller: int = 0) -> NDArray[Any]:
@@ -98,8 +100,8 @@ class Bench:
     def frame(self, k: int, speed: float, late_ms: float = 0.0) -> float:
         """The setpoint on frame k of PMU A, which arrives `late_ms` after its measurement."""
         measured = frame_ns(k) / MS
-        (made,) = self.give(Entry("A", measured, measured + late_ms, speed))
-        return float(made["value"])
+        (setpoint,) = self.give(Entry("A", measured, measured + late_ms, speed))
+        return float(setpoint["value"])
 
     @property
     def theta(self) -> NDArray[np.float64]:
@@ -111,9 +113,9 @@ def controller(
     name: str, scheme: str, profile: str = "deployed", /, **parameters: float | str | list[float]
 ) -> Controller:
     """A neuro-fuzzy controller of the speed with all of its parameters: those of a profile, but for those given."""
-    own = {**defaults(kind(name), profile), **parameters}
+    values = {**defaults(kind(name), profile), **parameters}
     return Controller.model_validate(
-        {"name": name, "scheme": scheme, "signals": ["speed"], "devices": ["first"], "parameters": own}
+        {"name": name, "scheme": scheme, "signals": ["speed"], "devices": ["first"], "parameters": values}
     )
 
 

@@ -85,13 +85,13 @@ def test_first_good_one_takes_over_and_stays_until_its_own_data_are_bad(spells: 
                 and (last[name] - same[name]) * FRAME <= 100
                 and state[name] not in ("not a number", "not synchronised")
             }
-            for own, others in {"A": ["A", "A2"], "B": ["B", "B2", "B3"]}.items():
-                if chosen[own] not in good:
-                    chosen[own] = next((one for one in others if one in good), chosen[own])
+            for pmu, others in {"A": ["A", "A2"], "B": ["B", "B2", "B3"]}.items():
+                if chosen[pmu] not in good:
+                    chosen[pmu] = next((candidate for candidate in others if candidate in good), chosen[pmu])
             if len(rows):
                 assert receiver.take(rows) == (chosen["A"], chosen["B"]), (k, faults)
             k += 1
-    sizes = [receiver.held.entry[0, PMUS.index(one), HZ] for one in chosen.values()]
+    sizes = [receiver.held.entry[0, PMUS.index(pmu), HZ] for pmu in chosen.values()]
     assert receiver.held.signal[0, 0] == pytest.approx(sizes[0] - sizes[1], abs=1e-12, nan_ok=True)
 
 

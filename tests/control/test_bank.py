@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.control.bank import act, bank
+from facts_damping.control.bank import act, build_bank
 from facts_damping.control.inputs import IMPLAUSIBLE, Wiring
 from facts_damping.control.lead_lag import step
 from facts_damping.parameters.plant.pmus import Signal
@@ -26,8 +26,8 @@ def test_setpoint_is_not_issued_before_all_stations_have_arrived() -> None:
     assert len(bench.give(Entry("A", 0, 5))) == 0
     assert len(bench.give(Entry("C", 1, 6))) == 0
     assert len(bench.give(Entry("B", 0, 7, float("nan")))) == 0
-    (made,) = bench.give(Entry("B", 2, 9))
-    assert made["value"] == 0
+    (setpoint,) = bench.give(Entry("B", 2, 9))
+    assert setpoint["value"] == 0
     assert len(bench.give(Entry("A", 3, 10, float("nan")))) == 0
     assert len(bench.give(Entry("A", 4, 11))) == 1
 
@@ -35,10 +35,10 @@ def test_setpoint_is_not_issued_before_all_stations_have_arrived() -> None:
 def test_setpoint_says_when_and_from_what_it_was_made() -> None:
     bench = Bench(llc(), llc("power", "second"))
     bench.give(Entry("A", 0, 5), Entry("B", 0, 5), Entry("C", 0, 5), controller=1)
-    (made,) = bench.give(Entry("C", 10.5, 17.25, power=4.0), controller=1)
-    assert (made["tick"], made["controller"], made["device"]) == (1, 1, 1)
-    assert made["measured_ns"] == 10.5 * MS
-    assert made["issued_ns"] == made["effective_ns"] == 17.25 * MS
+    (setpoint,) = bench.give(Entry("C", 10.5, 17.25, power=4.0), controller=1)
+    assert (setpoint["tick"], setpoint["controller"], setpoint["device"]) == (1, 1, 1)
+    assert setpoint["measured_ns"] == 10.5 * MS
+    assert setpoint["issued_ns"] == setpoint["effective_ns"] == 17.25 * MS
 
 
 def test_output_is_the_lead_lag_of_the_weighted_sum_at_the_times_of_measurement() -> None:
@@ -51,8 +51,8 @@ def test_output_is_the_lead_lag_of_the_weighted_sum_at_the_times_of_measurement(
         measured += dt
         a, b = rng.normal(size=2) * 1e-3
         arrival = measured + 30 + rng.uniform(0, 4)
-        (made,) = bench.give(Entry("A", measured, arrival, a), Entry("B", measured, arrival, b))
-        assert made["value"] == pytest.approx(step(p, state, 2 * a - b, dt * 1e-3), rel=1e-12)
+        (setpoint,) = bench.give(Entry("A", measured, arrival, a), Entry("B", measured, arrival, b))
+        assert setpoint["value"] == pytest.approx(step(p, state, 2 * a - b, dt * 1e-3), rel=1e-12)
     assert np.abs(state).max() > 1e-3
 
 
@@ -60,9 +60,9 @@ def test_held_value_stands_in_for_a_late_station() -> None:
     bench, state, p = Bench(llc()), np.zeros(6), settings_of(llc())[0]
     bench.give(Entry("A", 0, 1, 0.001), Entry("B", 0, 1, 0.002))
     step(p, state, 0.0, 0.0)
-    (made,) = bench.give(Entry("A", 20, 21, 0.003))
-    assert made["value"] == pytest.approx(step(p, state, 2 * 0.003 - 0.002, 0.02), rel=1e-12)
-    assert made["value"] != 0
+    (setpoint,) = bench.give(Entry("A", 20, 21, 0.003))
+    assert setpoint["value"] == pytest.approx(step(p, state, 2 * 0.003 - 0.002, 0.02), rel=1e-12)
+    assert setpoint["value"] != 0
 
 
 def test_deviation_is_counted_from_the_first_value() -> None:
@@ -70,9 +70,9 @@ def test_deviation_is_counted_from_the_first_value() -> None:
     p = settings_of(llc("power", gain=0.1))[0]
     powers = [4.0, 4.1, 3.7]
     for k, power in enumerate(powers):
-        (made,) = bench.give(Entry("C", 20 * k, 20 * k, power=power))
+        (setpoint,) = bench.give(Entry("C", 20 * k, 20 * k, power=power))
         assert bench.state.held.signal[0, 0] == pytest.approx(power - 4.0, abs=1e-15)
-        assert made["value"] == pytest.approx(step(p, state, power - 4.0, 0.02 * (k > 0)), rel=1e-12)
+        assert setpoint["value"] == pytest.approx(step(p, state, power - 4.0, 0.02 * (k > 0)), rel=1e-12)
     assert bench.state.held.baseline[0, 0] == 4.0
 
 
@@ -81,26 +81,26 @@ def test_setpoint_is_limited_by_the_limit_of_its_device() -> None:
         for sign in (1, -1):
             bench = Bench(llc(device=device))
             bench.give(Entry("A", 0, 0), Entry("B", 0, 0))
-            (made,) = bench.give(Entry("A", 20, 20, sign * 1.0))
-            assert made["value"] == sign * limit
+            (setpoint,) = bench.give(Entry("A", 20, 20, sign * 1.0))
+            assert setpoint["value"] == sign * limit
             assert sign * bench.state.unlimited[0, 0] > limit
 
 
 def test_entries_of_one_arrival_are_acted_on_once_and_others_each() -> None:
     bench = Bench(llc())
-    made = bench.give(
+    setpoints = bench.give(
         Entry("A", 0, 5), Entry("B", 0, 5), Entry("C", 0, 5), Entry("A", 10, 12), Entry("B", 10, 12), Entry("A", 16, 15)
     )
-    assert made["issued_ns"].tolist() == [5 * MS, 12 * MS, 15 * MS]
-    assert made["measured_ns"].tolist() == [0, 10 * MS, 16 * MS]
+    assert setpoints["issued_ns"].tolist() == [5 * MS, 12 * MS, 15 * MS]
+    assert setpoints["measured_ns"].tolist() == [0, 10 * MS, 16 * MS]
 
 
 def test_measurement_that_arrives_in_parts_acts_with_its_first_part() -> None:
     """A second arrival of the same measurement brings no newer frame: the setpoint stands."""
     bench = Bench(llc())
     bench.give(Entry("A", 0, 1), Entry("B", 0, 1))
-    made = bench.give(Entry("A", 20, 21, 0.001), Entry("B", 20, 22, 0.001))
-    assert made["issued_ns"].tolist() == [21 * MS]
+    setpoints = bench.give(Entry("A", 20, 21, 0.001), Entry("B", 20, 22, 0.001))
+    assert setpoints["issued_ns"].tolist() == [21 * MS]
     assert bench.state.held.entry[0, 1, list(CHANNELS).index("speed_deviation")] == 0.001
 
 
@@ -112,8 +112,8 @@ def test_frame_older_than_the_held_one_is_ignored() -> None:
     assert len(bench.give(Entry("A", 40, 61, 9.0))) == 0
     np.testing.assert_array_equal(before.outputs, now.outputs)
     np.testing.assert_array_equal(before.internal, now.internal)
-    for kept, held in zip(before.held, now.held, strict=True):
-        np.testing.assert_array_equal(kept, held)
+    for earlier, held in zip(before.held, now.held, strict=True):
+        np.testing.assert_array_equal(earlier, held)
 
 
 def test_controllers_do_not_see_each_other() -> None:
@@ -131,8 +131,8 @@ def test_controllers_do_not_see_each_other() -> None:
 
 
 def test_empty_bank_has_no_controllers() -> None:
-    made, state = bank([], Wiring(SIGNALS, PMUS, LIMITS, FRAMES), [])
-    assert made.code.size == state.held.newest_ns.size == 0
+    empty, state = build_bank([], Wiring(SIGNALS, PMUS, LIMITS, FRAMES), [])
+    assert empty.code.size == state.held.newest_ns.size == 0
 
 
 @some
@@ -146,18 +146,18 @@ def test_output_is_never_beyond_the_limit(data: st.DataObject, gain: float) -> N
     bench.give(Entry("A", 0, 0), Entry("B", 0, 0))
     for pmu, gap, speed in data.draw(st.lists(rows, max_size=20)):
         now += gap
-        (made,) = bench.give(Entry(pmu, now, now, speed))
-        assert abs(made["value"]) <= LIMITS["first"][0]
+        (setpoint,) = bench.give(Entry(pmu, now, now, speed))
+        assert abs(setpoint["value"]) <= LIMITS["first"][0]
 
 
 @pytest.mark.parametrize("speed", [IMPLAUSIBLE, -5e307, np.inf, np.nan])
 def test_implausible_frame_is_not_acted_on_and_leaves_nothing_behind(speed: float) -> None:
     bench, plain = Bench(llc()), Bench(llc())
-    for one in (bench, plain):
-        one.give(Entry("A", 0, 0), Entry("B", 0, 0))
+    for each_bench in (bench, plain):
+        each_bench.give(Entry("A", 0, 0), Entry("B", 0, 0))
     assert len(bench.give(Entry("A", 20, 20, speed))) == 0
-    (made,), (expected,) = (one.give(Entry("A", 40, 40, 0.001)) for one in (bench, plain))
-    assert made["value"] == expected["value"] != 0
+    (setpoint,), (expected,) = (single_bench.give(Entry("A", 40, 40, 0.001)) for single_bench in (bench, plain))
+    assert setpoint["value"] == expected["value"] != 0
 
 
 def test_deviation_is_counted_from_the_first_finite_value() -> None:

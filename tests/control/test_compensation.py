@@ -37,21 +37,21 @@ def fitted(values: NDArray[np.float64], omega: float = OMEGA) -> tuple[complex, 
 
 def led(phase: float, omega: float = OMEGA, mean: float = 0.0, of: float = OMEGA) -> NDArray[np.float64]:
     """Lead sections for `phase` at `of`, of a sinusoid of `omega`."""
-    state, given = np.zeros(4), mean + np.cos(omega * TIME)
-    return np.array([lead(of, phase, state, y, 1.0 / FRAMES if k else 0.0) for k, y in enumerate(given)])
+    state, signal = np.zeros(4), mean + np.cos(omega * TIME)
+    return np.array([lead(of, phase, state, y, 1.0 / FRAMES if k else 0.0) for k, y in enumerate(signal)])
 
 
 def turned(phase: float, rate: float, mean: float = 0.0) -> NDArray[np.float64]:
     """The phasor's way with a sinusoid about a mean."""
-    state, given = np.zeros(3), mean + 0.01 * np.cos(OMEGA * TIME)
-    return np.array([phasor(OMEGA, phase, rate, state, y, 1.0 / FRAMES if k else 0.0) for k, y in enumerate(given)])
+    state, signal = np.zeros(3), mean + 0.01 * np.cos(OMEGA * TIME)
+    return np.array([phasor(OMEGA, phase, rate, state, y, 1.0 / FRAMES if k else 0.0) for k, y in enumerate(signal)])
 
 
 @pytest.mark.parametrize("degrees", [0.0, *ANGLES])
 def test_lead_turns_by_the_phase_and_keeps_the_size_at_the_mode(degrees: float) -> None:
-    found, _ = fitted(led(math.radians(degrees)))
-    assert abs(found) == pytest.approx(1.0, abs=1e-3)
-    assert math.degrees(np.angle(found)) == pytest.approx(degrees, abs=0.05)
+    gain, _ = fitted(led(math.radians(degrees)))
+    assert abs(gain) == pytest.approx(1.0, abs=1e-3)
+    assert math.degrees(np.angle(gain)) == pytest.approx(degrees, abs=0.05)
 
 
 @pytest.mark.parametrize("omega", [0.5 * OMEGA, 2.0 * OMEGA])
@@ -60,8 +60,8 @@ def test_lead_off_the_mode_is_what_its_transfer_function_says(omega: float) -> N
     a = math.sqrt((1.0 + math.sin(p)) / (1.0 - math.sin(p))) / OMEGA
     s = 1j * omega
     wanted = ((1.0 + s * a) / (1.0 + s / (a * OMEGA**2)) / (a * OMEGA)) ** 2
-    found, _ = fitted(led(2.0 * p, omega), omega)
-    assert found == pytest.approx(wanted, rel=2e-3)
+    gain, _ = fitted(led(2.0 * p, omega), omega)
+    assert gain == pytest.approx(wanted, rel=2e-3)
 
 
 def test_lead_stays_at_what_two_sections_reach() -> None:
@@ -93,14 +93,14 @@ def test_phasor_settles_as_fast_as_it_forgets() -> None:
 
 def step(name: str, ages: list[float], **settings: float) -> tuple[list[float], Any]:
     """Signals of one controller whose frames come with `ages` (s), of a sinusoid; and the state at the end."""
-    made, state = compensators([name], [OMEGA], 1)
+    constants, state = compensators([name], [OMEGA], 1)
     row = np.zeros(1, SETTINGS)
     for key, parameter in COMPENSATION_PARAMETERS.items():
         row[key] = settings.get(key, max(float(parameter.default), 0.0))  # type: ignore[arg-type]
     values = []
     for k, age in enumerate(ages):
-        given = np.array([math.cos(OMEGA * k / FRAMES)])
-        compensate(made, state, 0, row[0], given, k, age, 1.0 / FRAMES if k else 0.0)
+        signal = np.array([math.cos(OMEGA * k / FRAMES)])
+        compensate(constants, state, 0, row[0], signal, k, age, 1.0 / FRAMES if k else 0.0)
         values.append(float(state.signal[0, 0]))
     return values, state
 
@@ -109,9 +109,9 @@ def step(name: str, ages: list[float], **settings: float) -> tuple[list[float], 
 def test_stamps_and_the_way_down_say_how_far_ahead(name: str) -> None:
     values, state = step(name, [0.1] * len(TIME), down_delay=0.15)
     assert state.latency[0] == pytest.approx(0.1)
-    found, _ = fitted(np.array(values))
-    assert abs(found) == pytest.approx(1.0, abs=2e-3)
-    assert np.angle(found) == pytest.approx(OMEGA * 0.25, abs=2e-3)
+    gain, _ = fitted(np.array(values))
+    assert abs(gain) == pytest.approx(1.0, abs=2e-3)
+    assert np.angle(gain) == pytest.approx(OMEGA * 0.25, abs=2e-3)
 
 
 def test_latency_is_filtered() -> None:
@@ -156,12 +156,12 @@ def test_way_down_is_its_mean_and_may_be_given() -> None:
 
 
 def test_mode_is_the_plants_or_given() -> None:
-    own = loop.build_loop(load_case(None, ["controllers.0.compensation=lead"]))
-    assert own.control.bank.compensators.omega[0] == pytest.approx(
+    built = loop.build_loop(load_case(None, ["controllers.0.compensation=lead"]))
+    assert built.control.bank.compensators.omega[0] == pytest.approx(
         2.0 * math.pi * 0.6297, rel=1e-3
     )  # docs/small_signal.md
-    given = ["controllers.0.compensation=lead", "controllers.0.parameters.mode_hz=0.5"]
-    assert loop.build_loop(load_case(None, given)).control.bank.compensators.omega[0] == math.pi
+    sets = ["controllers.0.compensation=lead", "controllers.0.parameters.mode_hz=0.5"]
+    assert loop.build_loop(load_case(None, sets)).control.bank.compensators.omega[0] == math.pi
 
 
 @pytest.mark.parametrize(

@@ -26,27 +26,27 @@ def test_profile_thesis_has_no_guard(name: str) -> None:
 
 def test_clip_and_projection_reach_the_rule() -> None:
     """An outlier of 1e3 p.u.: 5 is the bound of weights."""
-    free, clipped, kept = raw(), raw(clip=0.25), raw(projection="on")
+    free, clipped, projected = raw(), raw(clip=0.25), raw(projection="on")
     start = free.theta
-    for bench in (free, clipped, kept):
+    for bench in (free, clipped, projected):
         bench.frame(0, 0.002)
         bench.frame(1, 1e3)
     assert np.linalg.norm(free.theta - start) > 1e3
     assert np.linalg.norm(clipped.theta - start) == pytest.approx(0.25)
-    assert np.abs(kept.theta).max() == 5
+    assert np.abs(projected.theta).max() == 5
 
 
 def test_dead_zone_keeps_a_small_bias_from_teaching() -> None:
     """Without penalty on effort nothing else holds the parameters."""
-    kept, drifts = raw(hbar=0.0, dead_zone=0.05), raw(hbar=0.0)
-    start = kept.theta
+    guarded, drifts = raw(hbar=0.0, dead_zone=0.05), raw(hbar=0.0)
+    start = guarded.theta
     for k in range(500):
-        for bench in (kept, drifts):
+        for bench in (guarded, drifts):
             bench.frame(k, 0.049 * SCALE)
-    np.testing.assert_array_equal(kept.theta, start)
+    np.testing.assert_array_equal(guarded.theta, start)
     assert np.linalg.norm(drifts.theta - start) > 0.2
-    kept.frame(500, 0.051 * SCALE)
-    assert not np.array_equal(kept.theta, start)
+    guarded.frame(500, 0.051 * SCALE)
+    assert not np.array_equal(guarded.theta, start)
 
 
 @pytest.mark.parametrize("way", ["off", "on"])
@@ -61,17 +61,17 @@ def test_anti_windup_comes_back_at_once(way: str) -> None:
 
 def test_learner_sees_what_the_device_follows() -> None:
     """The setpoint before, within the device's limit and rate; without the guard as it was wished for."""
-    given, bench, wished_for = raw(anti_windup="on", eta=0.0, weight=4.0), raw(eta=0.0, weight=4.0), 0.0
+    guarded, bench, wished_for = raw(anti_windup="on", eta=0.0, weight=4.0), raw(eta=0.0, weight=4.0), 0.0
     rng, followed, k = np.random.default_rng(4), 0.0, 0
     for _ in range(40):
         gap = int(rng.integers(1, 3))
         k += gap
         reach = RATE * (frame_ns(k) - frame_ns(k - gap)) * 1e-9 if k > gap else 0.0
         y = float(rng.normal() * 0.02)
-        for one in (given, bench):
-            one.frame(k, y)
+        for each_bench in (guarded, bench):
+            each_bench.frame(k, y)
         followed = np.clip(np.clip(wished_for, -LIMIT, LIMIT), followed - reach, followed + reach)
-        assert given.state.memory.applied[0, 0] == pytest.approx(followed, abs=1e-9)
+        assert guarded.state.memory.applied[0, 0] == pytest.approx(followed, abs=1e-9)
         assert bench.state.memory.applied[0, 0] == wished_for
         wished_for = float(bench.state.unlimited[0, 0])
     assert np.abs(followed) > 0
@@ -79,31 +79,31 @@ def test_learner_sees_what_the_device_follows() -> None:
 
 def test_stale_frames_teach_nothing() -> None:
     """They are acted on all the same."""
-    kept, drifts = raw(stale=1.0), raw()
-    start = kept.theta
+    guarded, drifts = raw(stale=1.0), raw()
+    start = guarded.theta
     for k in range(20):
-        for bench in (kept, drifts):
+        for bench in (guarded, drifts):
             assert bench.frame(k, 0.002 + 1e-4 * k, late_ms=1001.0) != 0
             assert bench.state.memory.taught[0, 0] == (k > 0 and bench is drifts)
-    np.testing.assert_array_equal(kept.theta, start)
+    np.testing.assert_array_equal(guarded.theta, start)
     assert np.abs(drifts.theta - start).max() > 1e-3
-    kept.frame(20, 0.002, late_ms=999.0)
-    assert kept.state.memory.taught[0, 0] == 1
-    assert not np.array_equal(kept.theta, start)
+    guarded.frame(20, 0.002, late_ms=999.0)
+    assert guarded.state.memory.taught[0, 0] == 1
+    assert not np.array_equal(guarded.theta, start)
 
 
 @pytest.mark.parametrize("factor", [0.5, -0.5])
 def test_sign_guard_takes_a_jacobian_of_the_wrong_sign_for_none(factor: float) -> None:
     """What is left is the penalty. Without the guard the weights go the other way."""
     guarded, plain = raw("ANFTSC", "indirect", sign_guard="on"), raw("ANFTSC", "indirect")
-    own = Reference(0.5, 1.0, 0.5, 0.02, 0.1, 0.0)
+    reference = Reference(0.5, 1.0, 0.5, 0.02, 0.1, 0.0)
     for k in range(50):
         y = 0.004 * np.sin(0.3 * k)
         for bench in (guarded, plain):
             bench.state.jacobian[0, 0, 0] = factor * SIGN * SCALE / LIMIT
             bench.frame(k, y)
-        own.frame(y, 1, max(factor, 0.0) * SIGN)
-    np.testing.assert_allclose(guarded.theta, own.theta, rtol=0, atol=1e-12)
+        reference.frame(y, 1, max(factor, 0.0) * SIGN)
+    np.testing.assert_allclose(guarded.theta, reference.theta, rtol=0, atol=1e-12)
     safe, free = (abs(bench.theta[-1]) for bench in (guarded, plain))
     assert safe == free > 0.5 if factor > 0 else free < safe < 0.5
 

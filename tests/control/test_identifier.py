@@ -82,15 +82,15 @@ class Observer:
         return float(y) * SCALE, float(u) * LIMIT
 
 
-def follow(observer: Observer, delay: int, given: list[float], b: float = 0.2) -> float:
+def follow(observer: Observer, delay: int, setpoints: list[float], b: float = 0.2) -> float:
     """The mean Jacobian in the last quarter of y(k) = 0.9 y(k-1) + b u(k-1-delay), normalised; b is the true one."""
-    y, found = 0.0, []
-    for k, u in enumerate(given):
-        y = 0.9 * y + (b * given[k - 1 - delay] if k > delay else 0.0)
+    y, jacobians = 0.0, []
+    for k, u in enumerate(setpoints):
+        y = 0.9 * y + (b * setpoints[k - 1 - delay] if k > delay else 0.0)
         observer.frame(k, y * SCALE)
         observer.issue(k, u * LIMIT)
-        found.append(observer.jacobian)
-    return float(np.mean(found[-len(given) // 4 :]))
+        jacobians.append(observer.jacobian)
+    return float(np.mean(jacobians[-len(setpoints) // 4 :]))
 
 
 @pytest.mark.parametrize("jacobian", [-2.0, -0.1, -1e-3, 0.01, 0.1, 0.5])
@@ -126,8 +126,8 @@ def test_jacobian_converges_where_setpoints_are_paired_right(
     kind: str, tolerance: float, delay: int, wrong: int
 ) -> None:
     """From a quarter of the true one, with random setpoints; paired with others of them it stays near zero."""
-    given = np.random.default_rng(1).uniform(-1, 1, 2000).tolist()
-    right, off = (follow(Observer(asked(kind, 0.05, lag / FRAMES)), delay, given) for lag in (delay, wrong))
+    setpoints = np.random.default_rng(1).uniform(-1, 1, 2000).tolist()
+    right, off = (follow(Observer(asked(kind, 0.05, lag / FRAMES)), delay, setpoints) for lag in (delay, wrong))
     assert right == pytest.approx(0.2, rel=tolerance)
     assert abs(off) < 0.04
 
@@ -137,9 +137,9 @@ def test_jacobian_converges_where_setpoints_are_paired_right(
 def test_half_a_period_off_the_sign_turns(kind: str, delay: int) -> None:
     """An oscillation of twice the delay: without it the setpoint looks like its own opposite."""
     k, noise = np.arange(2000), np.random.default_rng(1).uniform(-0.1, 0.1, 2000)
-    given = (0.9 * np.sin(np.pi * k / delay) + noise).tolist()
-    assert follow(Observer(asked(kind, 0.2, delay / FRAMES)), delay, given) > 0.14
-    assert follow(Observer(asked(kind, 0.2, 0.0)), delay, given) < -0.08
+    setpoints = (0.9 * np.sin(np.pi * k / delay) + noise).tolist()
+    assert follow(Observer(asked(kind, 0.2, delay / FRAMES)), delay, setpoints) > 0.14
+    assert follow(Observer(asked(kind, 0.2, 0.0)), delay, setpoints) < -0.08
 
 
 @pytest.mark.parametrize("lag", [0.0, 1 / 60, 2 / 60, 3 / 60, 0.1, 0.1004, 0.11])
@@ -163,7 +163,7 @@ def test_paired_setpoint_was_in_force_for_most_of_the_frame(lag: float) -> None:
 def test_setpoints_are_kept_for_as_long_as_they_are_needed(lag: float, rate: int, seed: int, missing: float) -> None:
     """The one in force half-way from the frame before to this one, as a search through all finds it."""
     observer, rng = Observer(asked("ANFTSI", 0.2, lag), rate=rate), np.random.default_rng(seed)
-    given: list[tuple[int, float]] = []
+    issued: list[tuple[int, float]] = []
     before = checked = 0
     for k in range(round(1.5 * rate) + 10):
         if rng.uniform() < missing:
@@ -171,11 +171,11 @@ def test_setpoints_are_kept_for_as_long_as_they_are_needed(lag: float, rate: int
         observer.frame(k, 0.0)
         if k == before + 1:
             until = observer.ns(k) - (observer.ns(k) - observer.ns(before)) // 2 - to_ns(lag)  # to the whole ns
-            expected = next((value for measured, value in reversed(given) if measured <= until), 0.0)
+            expected = next((value for measured, value in reversed(issued) if measured <= until), 0.0)
             assert observer.paired[1] == pytest.approx(expected, abs=1e-15)
             checked += expected != 0
-        given.append((observer.ns(k), float(rng.uniform(-LIMIT, LIMIT))))
-        observer.issue(k, given[-1][1])
+        issued.append((observer.ns(k), float(rng.uniform(-LIMIT, LIMIT))))
+        observer.issue(k, issued[-1][1])
         before = k
     assert checked > 0
 
@@ -200,16 +200,16 @@ def test_only_frames_that_follow_one_another_teach() -> None:
 
 
 def test_stale_frames_teach_nothing_but_are_what_the_next_is_paired_with() -> None:
-    kept, plain = Observer(asked("ANFTSI", stale=1.0)), Observer(asked("ANFTSI"))
-    start = kept.theta
+    guarded, plain = Observer(asked("ANFTSI", stale=1.0)), Observer(asked("ANFTSI"))
+    start = guarded.theta
     for k in range(10):
-        for observer in (kept, plain):
+        for observer in (guarded, plain):
             observer.frame(k, 0.003 + 1e-4 * k, late_ms=1001.0)
-    np.testing.assert_array_equal(kept.theta, start)
+    np.testing.assert_array_equal(guarded.theta, start)
     assert not np.array_equal(plain.theta, start)
-    kept.frame(10, 0.0, late_ms=999.0)
-    assert kept.paired[0] == pytest.approx(0.0039)
-    assert not np.array_equal(kept.theta, start)
+    guarded.frame(10, 0.0, late_ms=999.0)
+    assert guarded.paired[0] == pytest.approx(0.0039)
+    assert not np.array_equal(guarded.theta, start)
 
 
 @pytest.mark.parametrize("leakage", [0.0, 0.01])
@@ -231,10 +231,10 @@ def test_identifiers_side_by_side_are_as_each_alone() -> None:
     for k in range(60):
         y, u, v = rng.normal() * 0.003, rng.uniform(-0.3, 0.3), rng.uniform(-0.1, 0.1)
         for n, single in enumerate(alone):
-            for one, place in ((both, n), (single, 0)):
-                one.frame(k, y, n=place)
-                one.issue(k, u, FIRST, place)
-                one.issue(k, v, SECOND, place)
+            for observer, place in ((both, n), (single, 0)):
+                observer.frame(k, y, n=place)
+                observer.issue(k, u, FIRST, place)
+                observer.issue(k, v, SECOND, place)
     for n, single in enumerate(alone):
         assert both.state.jacobian[n, 0, 0] == single.state.jacobian[0, 0, 0]
         assert both.state.prediction[n, 0] == single.state.prediction[0, 0]

@@ -80,11 +80,11 @@ def test_low_frequencies_pass_as_through_the_continuous_function(hertz: float) -
     dt, seconds = 1 / 60, 200
     t = np.arange(seconds * 60) * dt
     outputs = np.array(respond(ROW, np.sin(2 * np.pi * hertz * t), dt))
-    kept = t >= seconds - 10 / min(hertz, 1.0)
-    design = np.c_[np.sin(2 * np.pi * hertz * t[kept]), np.cos(2 * np.pi * hertz * t[kept])]
-    found = complex(*np.linalg.lstsq(design, outputs[kept])[0])
+    settled = t >= seconds - 10 / min(hertz, 1.0)
+    design = np.c_[np.sin(2 * np.pi * hertz * t[settled]), np.cos(2 * np.pi * hertz * t[settled])]
+    gain = complex(*np.linalg.lstsq(design, outputs[settled])[0])
     (expected,) = freqs(*transfer(ROW), worN=[2 * np.pi * hertz])[1]
-    assert found == pytest.approx(expected, rel=3e-3)
+    assert gain == pytest.approx(expected, rel=3e-3)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -95,8 +95,8 @@ def test_steps_of_any_length_follow_the_continuous_function(seed: int) -> None:
     inputs = np.sin(4 * t) - 0.3 * np.sin(9 * t)
     fine = np.linspace(0, t[-1], 20_001)
     _, expected, _ = lsim(transfer(ROW), np.interp(fine, t, inputs), fine)
-    found = respond(ROW, inputs, dt)
-    np.testing.assert_allclose(found, np.interp(t, fine, expected), rtol=0, atol=2e-3 * np.abs(expected).max())
+    outputs = respond(ROW, inputs, dt)
+    np.testing.assert_allclose(outputs, np.interp(t, fine, expected), rtol=0, atol=2e-3 * np.abs(expected).max())
 
 
 @some
@@ -118,7 +118,7 @@ def test_step_of_the_input_decays_with_the_washout() -> None:
 @some
 @given(a=st.floats(-5, 5), b=st.floats(-5, 5), seed=st.integers(0, 1000))
 def test_superposition_holds(a: float, b: float, seed: int) -> None:
-    one, two = np.random.default_rng(seed).normal(size=(2, 50))
-    both = respond(ROW, a * one + b * two, 1 / 60)
-    apart = a * np.array(respond(ROW, one, 1 / 60)) + b * np.array(respond(ROW, two, 1 / 60))
+    first, two = np.random.default_rng(seed).normal(size=(2, 50))
+    both = respond(ROW, a * first + b * two, 1 / 60)
+    apart = a * np.array(respond(ROW, first, 1 / 60)) + b * np.array(respond(ROW, two, 1 / 60))
     np.testing.assert_allclose(both, apart, rtol=0, atol=1e-10)

@@ -34,22 +34,22 @@ def weights(case: Case) -> dict[int, float]:
     return {pmus.index(name): weight for name, weight in case.system.signals["speed"].weights.items()}
 
 
-def own(law: dict[str, Any] | str, *sets: str, name: str = "my_damper", **fields: Any) -> Record:
+def with_law(law: dict[str, Any] | str, *sets: str, name: str = "my_damper", **fields: Any) -> Record:
     controller = json.dumps({"name": name, "linear": law, **fields})
     return loop.run(load_case("two_area_large", ["duration=5", *sets, f"controllers.0={controller}"]))
 
 
 def test_lead_lag_by_the_bilinear_transform_is_the_shipped_one() -> None:
     shipped = loop.run(load_case("two_area_large", ["duration=5"]))
-    given = own(bilinear())
-    assert len(given.issued) == len(shipped.issued) > 0
-    assert given.controller_names == ["controller_0_my_damper"]
-    assert np.abs(given.issued["value"] - shipped.issued["value"]).max() < 1e-9
+    linear = with_law(bilinear())
+    assert len(linear.issued) == len(shipped.issued) > 0
+    assert linear.controller_names == ["controller_0_my_damper"]
+    assert np.abs(linear.issued["value"] - shipped.issued["value"]).max() < 1e-9
 
 
 def test_continuous_one_is_discretised_exactly() -> None:
     """Against SciPy: its setpoints, of the signal as it was delivered, up to the limits."""
-    record = own({"num": (5.0 * np.array(NUM)).tolist(), "den": DEN}, "link=delay_100ms")
+    record = with_law({"num": (5.0 * np.array(NUM)).tolist(), "den": DEN}, "link=delay_100ms")
     case = load_case("two_area_large", [])
     signal = sum(
         weight * record.delivered[record.delivered["pmu"] == pmu]["values"][:, SPEED]
@@ -58,10 +58,10 @@ def test_continuous_one_is_discretised_exactly() -> None:
     A, B, C, D, dt = cont2discrete(tf2ss(5.0 * np.array(NUM), DEN), 1.0 / 60.0, method="zoh")
     _, wanted, _ = dlsim((A, B, C, D, dt), signal)
     limit = case.system.device("sssc").setpoint_max
-    got = record.issued["value"]
-    assert len(got) == len(wanted)
-    assert np.abs(got - np.clip(wanted[:, 0], -limit, limit)).max() < 1e-10 * limit + 1e-9
-    assert np.abs(got).max() == limit
+    values = record.issued["value"]
+    assert len(values) == len(wanted)
+    assert np.abs(values - np.clip(wanted[:, 0], -limit, limit)).max() < 1e-10 * limit + 1e-9
+    assert np.abs(values).max() == limit
 
 
 def test_linear_law_is_the_same_in_all_forms_and_files(tmp_path: Path) -> None:
@@ -73,10 +73,10 @@ def test_linear_law_is_the_same_in_all_forms_and_files(tmp_path: Path) -> None:
     savemat(tmp_path / "tf.mat", {"num": np.array(NUM), "den": np.array(DEN)})
     np.savez(tmp_path / "zpk.npz", zeros=zeros.astype(complex), poles=poles.astype(complex), gain=gain)
     (tmp_path / "law.yaml").write_text(dump({"num": NUM, "den": DEN}))
-    wanted = own({"num": NUM, "den": DEN}).issued["value"]
+    wanted = with_law({"num": NUM, "den": DEN}).issued["value"]
     laws: list[dict[str, Any] | str] = [{name: values.tolist() for name, values in arrays.items()}]
-    for given in laws + list(map(str, tmp_path.iterdir())):
-        assert np.abs(own(given).issued["value"] - wanted).max() < 1e-9, given
+    for law in laws + list(map(str, tmp_path.iterdir())):
+        assert np.abs(with_law(law).issued["value"] - wanted).max() < 1e-9, law
 
 
 def test_complex_zeros_and_poles_are_text() -> None:
@@ -97,7 +97,9 @@ def test_table_of_transfer_functions_has_a_row_a_device_and_a_column_a_signal() 
 
 def test_lost_frame_leaves_the_signal_as_it_was() -> None:
     """An integrator counts the frames that did not come with the newest signal before."""
-    record = own({"A": [[0.0]], "B": [[1.0]], "C": [[1.0]]}, "link={up: [{model: bernoulli, loss: 0.5}]}", "seed=3")
+    record = with_law(
+        {"A": [[0.0]], "B": [[1.0]], "C": [[1.0]]}, "link={up: [{model: bernoulli, loss: 0.5}]}", "seed=3"
+    )
     state, before, last = 0.0, 0.0, None
     of_signal = weights(load_case("two_area_large", []))
     held: dict[int, float] = {}
@@ -120,7 +122,7 @@ def test_lost_frame_leaves_the_signal_as_it_was() -> None:
 def test_recorded_run_holds_its_linear_law_without_the_file(tmp_path: Path) -> None:
     law = tmp_path / "law.npz"
     np.savez(law, num=np.array(NUM), den=np.array(DEN))
-    first = own(str(law), "link=delay_100ms", compensation="lead")
+    first = with_law(str(law), "link=delay_100ms", compensation="lead")
     law.unlink()
     again = loop.run(make_case(json.loads(json.dumps(first.configuration)), "recording"))
     assert again.issued.tobytes() == first.issued.tobytes()

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.control.bank import Known, bank, pull
+from facts_damping.control.bank import Known, build_bank, pull
 from facts_damping.control.identifier import identifiers, identify, store_setpoints
 from facts_damping.control.identifier_model import Identified
 from facts_damping.control.inputs import Wiring
@@ -39,10 +39,10 @@ def known(signals: int, devices: int, sign: Any = -1.0, jacobian: Any = 0.1) -> 
 def mimo(
     name: str, scheme: str, signals: int = 2, devices: int = 2, profile: str = "thesis", /, **parameters: Any
 ) -> Controller:
-    own = {**defaults(kind(name), profile, signals, devices), **parameters}
+    values = {**defaults(kind(name), profile, signals, devices), **parameters}
     given_signals, given_devices = list(SIGNALS)[:signals], list(THREE)[:devices]
     return Controller.model_validate(
-        {"name": name, "scheme": scheme, "signals": given_signals, "devices": given_devices, "parameters": own}
+        {"name": name, "scheme": scheme, "signals": given_signals, "devices": given_devices, "parameters": values}
     )
 
 
@@ -50,8 +50,8 @@ class Mimo(Bench):
     """A controller of several signals, one a PMU, and several devices."""
 
     def __init__(self, row: Controller, plant: PlantPrior | None = None) -> None:
-        own = plant or known(len(row.signals), len(row.devices))
-        super().__init__(row, signals=SIGNALS, limits=THREE, plant=own)
+        prior = plant or known(len(row.signals), len(row.devices))
+        super().__init__(row, signals=SIGNALS, limits=THREE, plant=prior)
 
     def values(self, k: int, y: Any) -> list[float]:
         """The setpoints on frame k."""
@@ -112,22 +112,22 @@ def test_history_is_that_of_the_equations(seed: int, eta: float, hbar: list[floa
     """Two signals, two devices, any Jacobian; lists of penalties and weights."""
     rng, weight = np.random.default_rng(seed), [0.8, 0.3]
     row = mimo("ANFTSC", "indirect", spread=0.6, width=1.3, weight=weight, eta=eta, hbar=hbar)
-    bench, own = Mimo(row), Reference(0.6, 1.3, weight, eta, hbar, np.array([SCALE, RATIO * SCALE]))
+    bench, reference = Mimo(row), Reference(0.6, 1.3, weight, eta, hbar, np.array([SCALE, RATIO * SCALE]))
     limits = np.array([THREE[name][0] for name in row.devices])
     for k in range(50):
         J, y = rng.normal(size=(2, 2)), rng.normal(size=2) * [0.004, 0.02]
-        bench.state.jacobian[0] = J * own.scale[:, None] / limits
-        np.testing.assert_allclose(bench.values(k, y), own.frame(y, J), atol=1e-10)
-        np.testing.assert_allclose(bench.theta, own.theta, rtol=1e-9, atol=1e-10)
+        bench.state.jacobian[0] = J * reference.scale[:, None] / limits
+        np.testing.assert_allclose(bench.values(k, y), reference.frame(y, J), atol=1e-10)
+        np.testing.assert_allclose(bench.theta, reference.theta, rtol=1e-9, atol=1e-10)
 
 
 def test_single_scale_is_the_first_signals_and_a_list_is_taken_as_it_is() -> None:
-    one, two = Mimo(mimo("ANFTSC", "direct", scale=0.02)), Mimo(mimo("ANFTSC", "direct", scale=[0.02, 0.05]))
-    assert one.bank.settings["scale"][0].tolist() == [0.02, 0.02 * RATIO]
-    assert one.bank.settings["change_scale"][0].tolist() == [CHANGE_SCALE, CHANGE_SCALE * RATIO]
+    bench, two = Mimo(mimo("ANFTSC", "direct", scale=0.02)), Mimo(mimo("ANFTSC", "direct", scale=[0.02, 0.05]))
+    assert bench.bank.settings["scale"][0].tolist() == [0.02, 0.02 * RATIO]
+    assert bench.bank.settings["change_scale"][0].tolist() == [CHANGE_SCALE, CHANGE_SCALE * RATIO]
     assert two.bank.settings["scale"][0].tolist() == [0.02, 0.05]
-    one.values(0, [0.01, 0.01])
-    assert one.state.learner.x[0].tolist() == pytest.approx([-0.5, 0, -0.01 / 0.02 / RATIO, 0])
+    bench.values(0, [0.01, 0.01])
+    assert bench.state.learner.x[0].tolist() == pytest.approx([-0.5, 0, -0.01 / 0.02 / RATIO, 0])
 
 
 @pytest.mark.parametrize("name", VARIANTS)
@@ -148,9 +148,9 @@ def test_input_pulls_as_far_as_it_swings_with_the_first_signals() -> None:
     rows = np.zeros(4, SETTINGS)
     rows["scale"], rows["change_scale"] = 0.01, 1e9  # changes count for nothing
     turned = np.exp(1j * np.deg2rad([0, 0, 180, 90]))
-    found = pull(PlantPrior(np.ones((4, 1)), np.ones((4, 1)), turned, TURN), rows)
-    assert found[:2].tolist() == [1, 1]
-    assert found[[2, 4, 6]] == pytest.approx([1, -1, 0], abs=1e-6)
+    pulls = pull(PlantPrior(np.ones((4, 1)), np.ones((4, 1)), turned, TURN), rows)
+    assert pulls[:2].tolist() == [1, 1]
+    assert pulls[[2, 4, 6]] == pytest.approx([1, -1, 0], abs=1e-6)
 
 
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
@@ -173,16 +173,16 @@ def test_three_signals_and_three_devices(name: str, scheme: str) -> None:
 def test_lead_lag_of_two_devices_is_two_lead_lags() -> None:
     """Appendix B: gains 10 and 5; each with its own constants where a list says so."""
     row = Controller(signals=["difference"], devices=["first", "second"])
-    own = {**defaults(kind("LLC"), "deployed", 1, 2), "T1": [0.2, 0.1]}
-    both = Bench(row.model_copy(update={"parameters": own}))
+    values = {**defaults(kind("LLC"), "deployed", 1, 2), "T1": [0.2, 0.1]}
+    both = Bench(row.model_copy(update={"parameters": values}))
     apart = [Bench(llc(gain=10.0, T1=0.2)), Bench(llc(device="second", gain=5.0, T1=0.1))]
     rng = np.random.default_rng(2)
     for k in range(50):
         entries = [Entry(s, 20 * k, 20 * k, float(rng.normal() * 1e-3)) for s in ("A", "B")]
         first, second = both.give(*entries)
-        for found, single in zip((first, second), apart, strict=True):
+        for setpoint, single in zip((first, second), apart, strict=True):
             (expected,) = single.give(*entries)
-            assert (found["value"], found["device"]) == (expected["value"], expected["device"])
+            assert (setpoint["value"], setpoint["device"]) == (expected["value"], expected["device"])
 
 
 # Lyapunov functions
@@ -230,12 +230,12 @@ class Observer:
 
     def __init__(self, jacobian: Any, horizon: int = 1, plant: PlantPrior | None = None, **parameters: Any) -> None:
         row = mimo("ANFTSC", "indirect", identifier_horizon=horizon, loop_delay=0.0, **parameters)
-        self.made, _ = bank([row], Wiring(SIGNALS, PMUS, THREE, FRAMES), [Known(known(2, 2))])
+        self.made, _ = build_bank([row], Wiring(SIGNALS, PMUS, THREE, FRAMES), [Known(known(2, 2))])
         self.scale = self.made.settings["scale"][0]
         self.limits = np.array([THREE[name][0] for name in row.devices])
         J = np.array(jacobian) * self.scale[:, None] / self.limits
-        own = (plant or known(2, 2))._replace(jacobian=J)
-        asked = Identified(0, self.made.settings[0], "ANFTSI", row.signals, [0, 1], self.limits.tolist(), own, None)
+        prior = (plant or known(2, 2))._replace(jacobian=J)
+        asked = Identified(0, self.made.settings[0], "ANFTSI", row.signals, [0, 1], self.limits.tolist(), prior, None)
         self.ids, self.state = identifiers([asked], Wiring(SIGNALS, PMUS, THREE, FRAMES))
 
     def frame(self, k: int, y: Any, u: Any) -> None:
@@ -271,24 +271,24 @@ def test_jacobian_of_a_linear_plant_is_found(horizon: int) -> None:
     A, B = np.array([[0.9, 0.05], [-0.1, 0.8]]), np.array([[0.05, -0.03], [0.1, 0.2]])
     held = sum((np.linalg.matrix_power(A, i) @ B for i in range(horizon)), np.zeros((2, 2)))
     observer = Observer(0.3 * held, horizon, identifier_eta=0.1)
-    rng, y, found = np.random.default_rng(3), np.zeros(2), []
+    rng, y, jacobians = np.random.default_rng(3), np.zeros(2), []
     u = np.zeros(2)
     for k in range(6000):
         if k % horizon == 0:
             u = rng.uniform(-1, 1, 2)
         observer.frame(k, y, u)
         y = A @ y + B @ u
-        found.append(observer.jacobian)
-    np.testing.assert_allclose(np.mean(found[-2000:], axis=0), held, rtol=0.15, atol=0.03)
+        jacobians.append(observer.jacobian)
+    np.testing.assert_allclose(np.mean(jacobians[-2000:], axis=0), held, rtol=0.15, atol=0.03)
 
 
 def test_setpoints_of_the_horizon_are_averaged() -> None:
     observer = Observer(np.zeros((2, 2)), 3)
-    given = np.arange(1, 9)[:, None] * [0.05, -0.1]
-    for k, u in enumerate(given):
+    setpoints = np.arange(1, 9)[:, None] * [0.05, -0.1]
+    for k, u in enumerate(setpoints):
         observer.frame(k, np.zeros(2), u)
     x = observer.state.learner.x[0]
-    np.testing.assert_allclose(x[2:4], given[4:7].mean(axis=0), rtol=1e-12)  # frame 7 answers 4, 5 and 6
+    np.testing.assert_allclose(x[2:4], setpoints[4:7].mean(axis=0), rtol=1e-12)  # frame 7 answers 4, 5 and 6
 
 
 def test_identifiers_error_falls_by_lyapunov_rates() -> None:

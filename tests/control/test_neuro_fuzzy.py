@@ -60,15 +60,15 @@ def test_history_is_that_of_the_equations(scheme: str, seed: int, eta: float, hb
     """The error of a frame teaches the sample that made the setpoint before it; frames are missed now and then."""
     rng = np.random.default_rng(seed)
     bench = raw("ANFTSC", scheme, spread=0.6, width=1.3, weight=0.8, eta=eta, hbar=hbar, momentum=momentum)
-    own, k = Reference(0.6, 1.3, 0.8, eta, hbar, momentum), 0
+    reference, k = Reference(0.6, 1.3, 0.8, eta, hbar, momentum), 0
     for _ in range(60):
         gap = int(rng.integers(1, 4))
         k += gap
         J, y = rng.normal(), float(rng.normal() * rng.choice([0.003, 0.03]))
         bench.state.jacobian[0, 0, 0] = J * SCALE / LIMIT
-        expected = own.frame(y, gap, J if scheme == "indirect" else SIGN)
+        expected = reference.frame(y, gap, J if scheme == "indirect" else SIGN)
         assert bench.frame(k, y) == pytest.approx(expected, abs=1e-10)
-        np.testing.assert_allclose(bench.theta, own.theta, rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(bench.theta, reference.theta, rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -114,11 +114,11 @@ def test_inputs_are_scaled_clipped_and_a_change_is_that_of_one_frame() -> None:
 def test_lyapunov_rates_are_those_of_jacobian_and_penalty(rate: str, groups: int) -> None:
     """Eta / ((J^2 + hbar) |du/df|^2), the norm over all parameters or over h, s and w each."""
     bench, J = raw("ANFTSC", "indirect", rate=rate, eta=0.3, hbar=0.2), 0.7
-    own = Reference(0.5, 1.0, 0.5, 0.0, 0.2, 0.0)
+    reference = Reference(0.5, 1.0, 0.5, 0.0, 0.2, 0.0)
     for k, y in enumerate((0.002, 0.003)):
         bench.state.jacobian[0, 0, 0] = J * SCALE / LIMIT
-        squares = [float((slope**2).sum()) for slope in own.slopes]
-        own.frame(y, 1, J)
+        squares = [float((slope**2).sum()) for slope in reference.slopes]
+        reference.frame(y, 1, J)
         bench.frame(k, y)
     squares = [sum(squares)] * 3 if groups == 1 else squares
     expected = [0.3 / ((J**2 + 0.2) * square + REGULAR) for square in squares]
@@ -150,10 +150,10 @@ def test_output_that_is_not_finite_is_a_setpoint_of_zero(name: str, value: float
 
 def test_controllers_of_different_networks_do_not_see_each_other() -> None:
     """Their arrays hold the largest of them; a lead-lag stands between."""
-    made = [controller("ANFTSC", "direct"), llc(), controller("ANFFsC", "indirect"), controller("HBsWC", "direct")]
-    rng, both, alone = np.random.default_rng(5), Bench(*made), [Bench(one) for one in made]
-    for one in (both, alone[2]):
-        one.state.jacobian[2 if one is both else 0] = 0.02
+    rows = [controller("ANFTSC", "direct"), llc(), controller("ANFFsC", "indirect"), controller("HBsWC", "direct")]
+    rng, both, alone = np.random.default_rng(5), Bench(*rows), [Bench(row) for row in rows]
+    for bench in (both, alone[2]):
+        bench.state.jacobian[2 if bench is both else 0] = 0.02
     for k in range(40):
         entries = [Entry(pmu, 20 * k, 20 * k + 1, rng.normal() * 3e-3) for pmu in PMUS]
         for c, single in enumerate(alone):

@@ -134,9 +134,9 @@ def test_identifier_that_does_not_predict_gives_no_predicted_change() -> None:
 
 
 def acted_on(change: float, made_ns: int, newest_ns: int) -> float:
-    made, state = compensators(["prediction"], [0.0], 1)
+    constants, state = compensators(["prediction"], [0.0], 1)
     state.change[0, 0], state.change_ns[0] = change, made_ns
-    compensate(made, state, 0, np.zeros(1, SETTINGS)[0], np.array([0.3]), newest_ns, 0.2, 1.0 / FRAMES)
+    compensate(constants, state, 0, np.zeros(1, SETTINGS)[0], np.array([0.3]), newest_ns, 0.2, 1.0 / FRAMES)
     return float(state.signal[0, 0])
 
 
@@ -203,8 +203,8 @@ def test_invalid_prediction_is_refused_with_what_is_allowed() -> None:
 
 def test_indirect_controller_that_predicts_has_an_identifier_that_looks_back() -> None:
     case = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.compensation=prediction"])
-    found = case.controllers[0].parameters
-    assert (found["identifier"], found["identifier_span"]) == ("ANFTSI", 6.0)
+    parameters = case.controllers[0].parameters
+    assert (parameters["identifier"], parameters["identifier_span"]) == ("ANFTSI", 6.0)
     assert load_case(None, ["controllers.0.name=HBsWC"]).controllers[0].parameters["identifier_span"] == 0.0
     again = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.compensation=prediction"])
     assert again.document() == case.document()

@@ -27,8 +27,8 @@ FAULT = "scenario=[{time: 0.5, kind: fault, bus: B7, duration: 0.05}]"
 
 def rows() -> list[dict[str, Any]]:
     """The table."""
-    found: list[dict[str, Any]] = parse(TABLE.read_text(encoding="utf-8"))
-    return found
+    table: list[dict[str, Any]] = parse(TABLE.read_text(encoding="utf-8"))
+    return table
 
 
 def computed(row: dict[str, Any]) -> str:
@@ -39,14 +39,16 @@ def computed(row: dict[str, Any]) -> str:
             path = f"{folder}/npcc.yaml"
             if command(["import", str(NPCC / "npcc.raw"), str(NPCC / "npcc_full.dyr"), "--out", path]):
                 raise SystemExit("the case of 140 buses is missing: make test unpacks it")
-            own = [f"system={path}", "devices=[]", "controllers=[]", FAULT]
-            return digest(loop.run(load_case(None, [*own, *sets])))
+            sets_of_row = [f"system={path}", "devices=[]", "controllers=[]", FAULT]
+            return digest(loop.run(load_case(None, [*sets_of_row, *sets])))
     return digest(loop.run(load_case(row["run"], sets)))
 
 
 def kernels() -> str:
     """What kernels of OpenBLAS are in use."""
-    return ", ".join(sorted({one["architecture"] for one in threadpool_info() if one["internal_api"] == "openblas"}))
+    return ", ".join(
+        sorted({library["architecture"] for library in threadpool_info() if library["internal_api"] == "openblas"})
+    )
 
 
 def main() -> None:

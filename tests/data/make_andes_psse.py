@@ -57,9 +57,9 @@ def npcc(raw: Path, dyr: Path) -> dict[str, Any]:
     at = [pair for model in (ss.GENROU, ss.GENCLS) for pair in zip(model.bus.v, model.gen.v, strict=True)]
     order = sorted(range(len(at)), key=lambda i: at[i])
     speeds = np.concatenate([np.array(model.omega.a, int) for model in (ss.GENROU, ss.GENCLS)])[order]
-    t, found = np.array(ss.dae.ts.t), np.array(ss.dae.ts.x)[:, speeds]
+    t, speeds_found = np.array(ss.dae.ts.t), np.array(ss.dae.ts.x)[:, speeds]
     shown = np.round(np.arange(SHOWN, UNTIL + 1e-9, SHOWN), 9)
-    table = [[round(float(np.interp(one, t, w)), 9) for w in found.T] for one in shown]
+    table = [[round(float(np.interp(instant, t, w)), 9) for w in speeds_found.T] for instant in shown]
     return {"voltages": voltages, "bus": BUS, "on": ON, "off": OFF, "x": X, "t": shown.tolist(), "speeds": table}
 
 
@@ -71,15 +71,15 @@ def main() -> None:
     content: dict[str, Any] = {"eigenvalues": values, "voltages": voltages}
     (HERE / "three_machines_andes.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     cases = Path(andes.__file__).parent / "cases"
-    found = {}
+    cases_found = {}
     for name, (raw, dyr) in OWN.items():
         _, values = analysed(cases / raw, cases / dyr)
-        found[name] = {"raw": raw, "dyr": dyr, "modes": [pair for pair in values if pair[1] > 1e-3]}
-    rows_of = [f'"{name}": {json.dumps(one)}' for name, one in found.items()]
+        cases_found[name] = {"raw": raw, "dyr": dyr, "modes": [pair for pair in values if pair[1] > 1e-3]}
+    rows_of = [f'"{name}": {json.dumps(case_content)}' for name, case_content in cases_found.items()]
     text = "{\n" + ",\n".join(rows_of) + "\n}\n"
     (HERE / "andes_cases.json").write_text(text, encoding="utf-8")
-    made = npcc(*(cases / name for name in OWN["npcc_full"]))
-    rows_of = [f'"{name}": {json.dumps(one)}' for name, one in made.items()]
+    course = npcc(*(cases / name for name in OWN["npcc_full"]))
+    rows_of = [f'"{name}": {json.dumps(case_content)}' for name, case_content in course.items()]
     (HERE / "npcc_andes.json").write_text("{\n" + ",\n".join(rows_of) + "\n}\n", encoding="utf-8")
 
 

@@ -129,11 +129,17 @@ def _add_exciter(ss: Any, e: dict[str, Any], slopes: dict[str, float]) -> None:
     at = {"idx": f"exciter {e['machine']}", "syn": f"machine {e['machine']}", "TR": e["TR"], "KA": e["KA"]}
     limits = {"VRMAX": NO_LIMIT, "VRMIN": -NO_LIMIT}
     if e["model"] == "DC4B":
-        given = {name: e[name] for name in ("KP", "KI", "KD", "TD", "TA", "TE", "KF", "TF")}
-        ss.add("DC4B", at | given | {"KE": slopes.get(e["machine"], e["KE"])})
+        parameters = {name: e[name] for name in ("KP", "KI", "KD", "TD", "TA", "TE", "KF", "TF")}
+        ss.add("DC4B", at | parameters | {"KE": slopes.get(e["machine"], e["KE"])})
     elif e["model"] == "dc":
-        given = {"TA": e["TA"], "TE": e["TE"], "KF1": e["KF"], "TF1": e["TF"], "KE": slopes.get(e["machine"], e["KE"])}
-        ss.add("IEEEX1", at | given | limits | dict.fromkeys(("TB", "TC", "E1", "SE1", "E2", "SE2"), 0.0))
+        parameters = {
+            "TA": e["TA"],
+            "TE": e["TE"],
+            "KF1": e["KF"],
+            "TF1": e["TF"],
+            "KE": slopes.get(e["machine"], e["KE"]),
+        }
+        ss.add("IEEEX1", at | parameters | limits | dict.fromkeys(("TB", "TC", "E1", "SE1", "E2", "SE2"), 0.0))
     else:
         none = dict.fromkeys(("TA", "TB", "TC", "KC", "KF"), 0.0) | {"TF": 1.0, "VIMAX": NO_LIMIT, "VIMIN": -NO_LIMIT}
         ss.add("EXST1", at | limits | none)
@@ -173,11 +179,11 @@ def eigenvalues(content: dict[str, Any]) -> np.ndarray:
     ss = build(content, slopes)
     ss.EIG.run()
     two_axis = any(m["model"] == "two_axis" for m in content["machines"])
-    found = [value for value in _coupled(ss) if not (two_axis and abs(value + 1.0 / T2) < 1e-6)]
+    eigenvalues_found = [value for value in _coupled(ss) if not (two_axis and abs(value + 1.0 / T2) < 1e-6)]
     for m in content["machines"]:
         if m["model"] == "two_axis" and "Xq1" not in m:  # a salient pole: X'q = Xq uncouples the circuit
-            found.pop(int(np.argmin([abs(value + 1.0) for value in found])))
-    return np.array(sorted(found, key=lambda value: (-value.real, value.imag)))
+            eigenvalues_found.pop(int(np.argmin([abs(value + 1.0) for value in eigenvalues_found])))
+    return np.array(sorted(eigenvalues_found, key=lambda value: (-value.real, value.imag)))
 
 
 def _coupled(ss: Any) -> np.ndarray:

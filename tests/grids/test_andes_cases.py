@@ -69,7 +69,7 @@ def test_andes_case_is_imported_with_a_power_flow_and_swing_modes(raw: str, dyr:
     system, built, matrix = imported(raw, dyr)
     assert built.flow.residual < 1e-8
     assert np.isfinite(matrix).all()
-    assert any(one.label not in ("common", "control") for one in modes(matrix, built.state_names, system))
+    assert any(mode.label not in ("common", "control") for mode in modes(matrix, built.state_names, system))
 
 
 @pytest.mark.parametrize("name", REFERENCE)

@@ -60,8 +60,8 @@ def test_modes_of_a_large_grid_fit_the_eye(modal: Modal, tmp_path: Path) -> None
     assert modal_tables.shown_modes(modal) == sorted(
         modal_tables.shown_modes(modal), key=lambda mode: mode.damping_ratio
     )
-    made = modal_pictures.plot(modal, tmp_path)
-    assert [path.name for path in made] == ["one_line.png", "mode_shapes.png", "transfer_functions.png"]
+    paths = modal_pictures.plot(modal, tmp_path)
+    assert [path.name for path in paths] == ["one_line.png", "mode_shapes.png", "transfer_functions.png"]
     assert [np.isfinite(transfer["gain"]) for transfer in document["transfer_functions"]] == [True, True]
 
 
@@ -88,12 +88,12 @@ def test_many_machines_are_drawn_by_their_areas(record: Record, tmp_path: Path) 
     panels = {picture.stem: picture.panels(record) for picture in PICTURES}
     areas = [f"mean of area_{i}" for i in range(1, 7)]
     assert [panel.name for panel in panels["speeds"]] == areas
-    picture = next(one for one in PICTURES if one.stem == "differences")
-    own = [{panel.name: panel for panel in panels["differences"]}]
-    kept = shown(picture, own)
-    assert title_of(picture, own, kept) == "Speed difference: the 7 largest of 47"
-    size = {name: np.ptp(panel.curves[""].values) for name, panel in own[0].items()}
-    assert set(kept) == set(sorted(size, key=lambda name: -size[name])[:LARGEST])
+    picture = next(picture_of_run for picture_of_run in PICTURES if picture_of_run.stem == "differences")
+    by_name = [{panel.name: panel for panel in panels["differences"]}]
+    names_shown = shown(picture, by_name)
+    assert title_of(picture, by_name, names_shown) == "Speed difference: the 7 largest of 47"
+    size = {name: np.ptp(panel.curves[""].values) for name, panel in by_name[0].items()}
+    assert set(names_shown) == set(sorted(size, key=lambda name: -size[name])[:LARGEST])
     assert plot_comparison([("", record)], tmp_path)
 
 

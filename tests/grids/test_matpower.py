@@ -30,12 +30,12 @@ CASE = Path(__file__).parents[1] / "data" / "nine_bus.m"
 
 def loaded(folder: Path, dynamics: dict[str, Any] | None = None, case: Path = CASE) -> tuple[System, list[str], str]:
     """A case imported, written and read again; the notes and the text too."""
-    given = None
+    dynamics_path = None
     if dynamics is not None:
-        given = folder / "dynamics.yaml"
-        given.write_text(dump(dynamics), encoding="utf-8")
-    made = import_case(case, given)
-    text, notes = document(made, case.name), made.notes
+        dynamics_path = folder / "dynamics.yaml"
+        dynamics_path.write_text(dump(dynamics), encoding="utf-8")
+    case_imported = import_case(case, dynamics_path)
+    text, notes = document(case_imported, case.name), case_imported.notes
     path = folder / "imported.yaml"
     path.write_text(text, encoding="utf-8")
     return load_system(str(path)), notes, text
@@ -95,8 +95,8 @@ def test_dynamics_from_a_file_give_the_shipped_system(tmp_path: Path) -> None:
     assert system.name == "mine"
     assert notes == []
     assert "Typical" not in text
-    one, other = (np.sort_complex(np.linalg.eigvals(linearise(build(s, [], []))[0])) for s in (shipped, system))
-    np.testing.assert_allclose(other[np.abs(other) > 0.1], one[np.abs(one) > 0.1], rtol=0, atol=1e-6)
+    eigenvalues, other = (np.sort_complex(np.linalg.eigvals(linearise(build(s, [], []))[0])) for s in (shipped, system))
+    np.testing.assert_allclose(other[np.abs(other) > 0.1], eigenvalues[np.abs(eigenvalues) > 0.1], rtol=0, atol=1e-6)
 
 
 def test_command_writes_a_file_and_says_what_it_assumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

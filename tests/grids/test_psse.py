@@ -33,10 +33,10 @@ ANDES = json.loads((DATA / "three_machines_andes.json").read_text(encoding="utf-
 
 def imported(folder: Path, raw: str, dyr: str | None = None) -> System:
     """A case, imported as a user does it."""
-    given = [folder / "case.raw", *([folder / "case.dyr"] if dyr is not None else [])]
-    for path, text in zip(given, (raw, dyr), strict=False):
+    paths = [folder / "case.raw", *([folder / "case.dyr"] if dyr is not None else [])]
+    for path, text in zip(paths, (raw, dyr), strict=False):
         path.write_text(str(text), encoding="utf-8")
-    assert main(["import", *map(str, given), "--out", str(folder / "case.yaml")]) == 0
+    assert main(["import", *map(str, paths), "--out", str(folder / "case.yaml")]) == 0
     return load_system(str(folder / "case.yaml"))
 
 
@@ -60,9 +60,9 @@ def voltages(system: System) -> dict[str, complex]:
 def test_power_flow_and_all_modes_are_those_of_andes(tmp_path: Path) -> None:
     """Which counts states that cancel: of ours each has its own, of its some are at -1/T of such a block."""
     system = imported(tmp_path, RAW.read_text(), DYR.read_text())
-    found = voltages(system)
+    solved = voltages(system)
     for bus, (size, angle) in ANDES["voltages"].items():
-        assert found[f"B{bus}"] == pytest.approx(size * np.exp(1j * angle), abs=1e-6)
+        assert solved[f"B{bus}"] == pytest.approx(size * np.exp(1j * angle), abs=1e-6)
     theirs = [complex(*pair) for pair in ANDES["eigenvalues"]]
     ours = np.linalg.eigvals(linearise(build(system, [], []))[0])
     for value in ours[np.abs(ours) > 1e-3]:
@@ -111,10 +111,10 @@ def as_34(text: str, version: int) -> str:
 @pytest.mark.parametrize("version", [32, 34, 35])
 def test_psse_versions_give_the_same_system(version: int, tmp_path: Path) -> None:
     text = RAW.read_text()
-    given = text.replace(", 33,", ", 32,", 1) if version == 32 else as_34(text, version)
+    converted = text.replace(", 33,", ", 32,", 1) if version == 32 else as_34(text, version)
     (tmp_path / "a").mkdir()
     plain = imported(tmp_path / "a", text, DYR.read_text())
-    assert imported(tmp_path, given, DYR.read_text()) == plain
+    assert imported(tmp_path, converted, DYR.read_text()) == plain
 
 
 TRANSFORMER = r"^2,7,0,'1 ',1,1,1,.*\n0,0.0625,100\n1,0,(.*)\n1,0$"
@@ -154,9 +154,9 @@ def test_three_windings_are_a_star(tmp_path: Path) -> None:
     bus = ("^0 / END OF BUS", "10,'NEW         ',33,1,1,1,1,1,0\n0 / END OF BUS")
     (tmp_path / "a").mkdir()
     plain, star = imported(tmp_path / "a", RAW.read_text()), imported(tmp_path, raw_with(bus, (TRANSFORMER, record)))
-    found = voltages(star)
+    solved = voltages(star)
     for name, voltage in voltages(plain).items():
-        assert found[name] == pytest.approx(voltage, abs=1e-9)
+        assert solved[name] == pytest.approx(voltage, abs=1e-9)
     arms = {t.name: complex(t.r, t.x) for t in star.transformers if t.name.startswith("T2_7_10")}
     assert arms["T2_7_10_1"] + arms["T2_7_10_2"] == pytest.approx(0.0625j)
     assert arms["T2_7_10_2"] + arms["T2_7_10_3"] == pytest.approx(0.1j)
@@ -170,10 +170,10 @@ def test_machines_side_by_side_share_a_bus(tmp_path: Path) -> None:
     dyr = DYR.read_text()
     more = "\n".join(re.sub(r"' 1 ", "' 2 ", line) for line in dyr.splitlines() if line.startswith("2 "))
     (tmp_path / "a").mkdir()
-    one, both = imported(tmp_path / "a", RAW.read_text(), dyr), imported(tmp_path, raw_with(two), f"{dyr}{more}\n")
+    single, both = imported(tmp_path / "a", RAW.read_text(), dyr), imported(tmp_path, raw_with(two), f"{dyr}{more}\n")
     assert [m.name for m in both.machines] == ["G1", "G2_1", "G2_2", "G3"]
     theirs = np.linalg.eigvals(linearise(build(both, [], []))[0])
-    for value in np.linalg.eigvals(linearise(build(one, [], []))[0]):
+    for value in np.linalg.eigvals(linearise(build(single, [], []))[0]):
         assert np.abs(theirs - value).min() < 1e-4 or abs(value) < 1e-3
 
 
@@ -199,11 +199,11 @@ def test_parallel_branches_and_their_shunts(tmp_path: Path) -> None:
         bus = ("^0 / END OF BUS", "10,'ALONE       ',33,4,1,1,1,1,0\n0 / END OF BUS")
         (folder := tmp_path / str(i)).mkdir()
         system = imported(folder, raw_with(bus, line, (TRANSFORMER, record)))
-        assert {"line_4_5", "line_4_5_2"} <= {one.name for one in system.lines}
-        assert "B10" not in {one.name for one in system.buses}
-        shunts.append({one.name: pytest.approx((one.P, one.Q)) for one in system.shunts})
+        assert {"line_4_5", "line_4_5_2"} <= {drawn_line.name for drawn_line in system.lines}
+        assert "B10" not in {drawn_bus.name for drawn_bus in system.buses}
+        shunts.append({shunt.name: pytest.approx((shunt.P, shunt.Q)) for shunt in system.shunts})
     assert shunts[0] == {"magnetising_T2_7": (0.1, -1.0), "shunt_line_4_5_2_4": (0.2, 3.0)}
-    assert {name: one.expected for name, one in shunts[1].items()} == shunts[0]
+    assert {name: approximate.expected for name, approximate in shunts[1].items()} == shunts[0]
 
 
 # What is not modelled
@@ -218,7 +218,7 @@ def test_psse_record_without_a_model_is_named_with_its_substitute(
     imported(
         tmp_path, raw_with(("^0 / END OF TWO", "1,2,3\n0 / END OF TWO")), dyr.replace("3 'GENROU'", "3 'GENXYZ'") + more
     )
-    told = capsys.readouterr().err
+    errors = capsys.readouterr().err
     for said in (
         "case.raw: 1 two-terminal dc records are left out",
         "line 11: IEEEVC: of G2 is not modelled: left out",
@@ -230,16 +230,17 @@ def test_psse_record_without_a_model_is_named_with_its_substitute(
         "no dynamic data for G3: typical data",
         "line 7: SEXS: of G3: TE below 0.002 s: taken as 0",
     ):
-        assert said in told
+        assert said in errors
 
 
 def test_limit_that_does_not_admit_the_start_is_widened_and_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     system = imported(tmp_path, RAW.read_text(), DYR.read_text().replace("0.05 0.49 2 0", "0.05 0.49 0.5 0"))
-    told = capsys.readouterr().err
+    errors = capsys.readouterr().err
     assert (
-        "governors: G2: TGOV1: valve is 0.849 p.u. at the start; allowed by its limits: 0 to 0.5; VMAX: 0.5 is" in told
+        "governors: G2: TGOV1: valve is 0.849 p.u. at the start; allowed by its limits: 0 to 0.5; VMAX: 0.5 is"
+        in errors
     )
     (governor,) = [g for g in system.governors if g.machine == "G2"]
     assert 0.849 * 1.05 < governor.VMAX < 0.849 * 1.15  # type: ignore[attr-defined]
@@ -248,14 +249,14 @@ def test_limit_that_does_not_admit_the_start_is_widened_and_said(
 # Bad input
 
 
-def one_line(given: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+def one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     """The one line with which an import is refused."""
     capsys.readouterr()
-    assert main(["import", *given]) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.count("\n") == 1
-    return told.err
+    assert main(["import", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    return captured.err
 
 
 BAD_RAW: list[tuple[Callable[[str], str], str]] = [
@@ -292,9 +293,9 @@ def test_bad_raw_file_is_one_line_with_line_and_field(
 ) -> None:
     path = tmp_path / "bad.raw"
     path.write_text(change(RAW.read_text()), encoding="utf-8")
-    told = one_line([str(path)], capsys)
-    assert told.startswith(f"facts-damping: {path}: ")
-    assert said in told
+    message = one_line([str(path)], capsys)
+    assert message.startswith(f"facts-damping: {path}: ")
+    assert said in message
 
 
 @pytest.mark.parametrize(
@@ -321,7 +322,7 @@ def test_bad_dyr_file_is_one_line_with_its_line(
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("arguments", "said"),
     [
         (["nowhere.raw"], "nowhere.raw: no such file; allowed: an existing PSS/E RAW file"),
         ([str(RAW), "nowhere.dyr"], "nowhere.dyr: no such file; allowed: an existing PSS/E DYR file"),
@@ -329,25 +330,25 @@ def test_bad_dyr_file_is_one_line_with_its_line(
         ([str(RAW), "--dynamics", "x.yaml"], "--dynamics x.yaml: given with a RAW file; allowed: with a MATPOWER case"),
     ],
 )
-def test_files_that_do_not_go_together(given: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert said in one_line(given, capsys)
+def test_files_that_do_not_go_together(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert said in one_line(arguments, capsys)
 
 
 def mutated(text: bytes, chance: random.Random) -> bytes:
     """A file with a few bytes changed, cut out, or doubled."""
-    made = bytearray(text)
+    changed = bytearray(text)
     for _ in range(chance.randint(1, 4)):
-        at = chance.randrange(len(made))
+        at = chance.randrange(len(changed))
         kind = chance.randrange(4)
         if kind == 0:
-            made[at] = chance.randrange(256)
+            changed[at] = chance.randrange(256)
         elif kind == 1:
-            del made[at : at + chance.randint(1, 20)]
+            del changed[at : at + chance.randint(1, 20)]
         elif kind == 2:
-            made[at:at] = made[at : at + chance.randint(1, 40)]
+            changed[at:at] = changed[at : at + chance.randint(1, 40)]
         else:
-            made[at : at + 1] = chance.choice([b"-", b"9", b"e", b"'", b"/", b",", b"\n", b"1e308", b"nan"])
-    return bytes(made) or b"0"
+            changed[at : at + 1] = chance.choice([b"-", b"9", b"e", b"'", b"/", b",", b"\n", b"1e308", b"nan"])
+    return bytes(changed) or b"0"
 
 
 @pytest.mark.parametrize("kind", ["psse", "matpower"])
@@ -360,15 +361,15 @@ def test_mutated_files_are_taken_or_refused_in_a_line(
         for path, text in texts.items():
             path.write_bytes(mutated(text, chance) if chance.random() < 0.6 else text)
         status = main(["import", *map(str, texts), "--out", str(tmp_path / "a.yaml")])
-        told = capsys.readouterr()
+        captured = capsys.readouterr()
         assert status in (0, 2)
-        assert "Traceback" not in told.err
+        assert "Traceback" not in captured.err
         if status == 2:
-            assert told.err.count("\n") == 1
+            assert captured.err.count("\n") == 1
 
 
 def test_imported_case_is_checked_as_a_system_is(tmp_path: Path) -> None:
     """And its notes come with it."""
-    made: Any = import_case(RAW, DYR)
-    assert made.typical == []
-    assert made.notes == []
+    case_imported: Any = import_case(RAW, DYR)
+    assert case_imported.typical == []
+    assert case_imported.notes == []

@@ -40,18 +40,18 @@ def law(seen: NDArray[np.float32]) -> NDArray[np.float64]:
 
 def played(env: Any, seed: int | None, steps: int = 10_000) -> list[Any]:
     """An episode by the law: all that `step` gives."""
-    seen, told = env.reset(seed=seed)
-    found: list[Any] = [(seen, told)]
+    seen, info = env.reset(seed=seed)
+    steps_seen: list[Any] = [(seen, info)]
     for _ in range(steps):
-        found.append(env.step(law(seen)))
-        seen = found[-1][0]
-        if found[-1][2] or found[-1][3]:
+        steps_seen.append(env.step(law(seen)))
+        seen = steps_seen[-1][0]
+        if steps_seen[-1][2] or steps_seen[-1][3]:
             break
-    return found
+    return steps_seen
 
 
-def same(one: Any, other: Any) -> bool:
-    return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in zip(one, other, strict=True))
+def same(first: Any, other: Any) -> bool:
+    return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in zip(first, other, strict=True))
 
 
 @pytest.mark.filterwarnings("ignore:.*Casting input x to numpy array")
@@ -64,24 +64,24 @@ def test_environment_is_made_by_its_gymnasium_name() -> None:
     assert isinstance(env.unwrapped, WideAreaDamping)
     assert env.observation_space.shape == (4, 2, 3)
     assert env.action_space.shape == (1,)
-    made = gymnasium.make_vec(NAME, 2, "vector_entry_point", **SHORT)
-    assert isinstance(made.unwrapped, WideAreaDampingVector)
-    made.close()
+    environments = gymnasium.make_vec(NAME, 2, "vector_entry_point", **SHORT)
+    assert isinstance(environments.unwrapped, WideAreaDampingVector)
+    environments.close()
 
 
 def test_same_seed_is_the_same_episode_bit_for_bit() -> None:
     env = WideAreaDamping(link=LOSSY, **SHORT)
     first, again, other = played(env, 3), played(env, 3), played(WideAreaDamping(link=LOSSY, **SHORT), 4)
-    assert all(same(one, two) for one, two in zip(first, again, strict=True))
-    assert not all(same(one, two) for one, two in zip(first, other, strict=False))
+    assert all(same(step, two) for step, two in zip(first, again, strict=True))
+    assert not all(same(step, two) for step, two in zip(first, other, strict=False))
     third = played(env, None)  # goes on with the generator of the seed before
     assert third[0][1]["seed"] != again[0][1]["seed"]
 
 
 def test_episode_ends_at_the_end_or_where_synchronism_is_lost() -> None:
-    found = played(WideAreaDamping(**SHORT), 1)
-    assert len(found) == 120
-    assert [step[2:4] for step in found[1:]] == [(False, False)] * 118 + [(False, True)]
+    episode = played(WideAreaDamping(**SHORT), 1)
+    assert len(episode) == 120
+    assert [step[2:4] for step in episode[1:]] == [(False, False)] * 118 + [(False, True)]
     env = WideAreaDamping()
     env.reset(seed=1)
     steps = [env.step(np.zeros(1, np.float32))]
@@ -141,11 +141,11 @@ def test_law_in_the_environment_is_the_same_law_as_a_class(tmp_path: Path, link:
 def test_window_holds_what_was_delivered() -> None:
     """Against the record: newest values and ages by tick, and which ticks brought nothing."""
     env = WideAreaDamping(link=LOSSY, window=3, **SHORT)
-    found = played(env, 2)
+    episode = played(env, 2)
     record, case = env.record(), env.episode.case
     weights = case.system.signals["speed"].weights
     held: dict[str, Any] = {}
-    for tick, seen in enumerate(step[0] for step in found):
+    for tick, seen in enumerate(step[0] for step in episode):
         rows = record.delivered[record.delivered["tick"] == tick]
         before = max((row["measured_ns"] for row in held.values()), default=-1)
         arrived = -1
@@ -153,7 +153,7 @@ def test_window_holds_what_was_delivered() -> None:
             name = record.pmus[row["pmu"]]
             if name in weights and row["measured_ns"] > (held[name]["measured_ns"] if name in held else -1):
                 held[name] = row.copy()
-            newest = max((one["measured_ns"] for one in held.values()), default=-1)
+            newest = max((entry["measured_ns"] for entry in held.values()), default=-1)
             if len(held) == len(weights) and newest > before:
                 arrived, before = row["arrival_ns"], newest
         if len(held) < len(weights):
@@ -164,7 +164,7 @@ def test_window_holds_what_was_delivered() -> None:
         age = (arrived if arrived >= 0 else (tick + 1) * 10**9 // 60) - before
         assert seen[-1, 0, 1] == pytest.approx(age * 1e-9, abs=1e-6)
         if tick > 1:
-            assert np.array_equal(seen[:-1], found[tick - 1][0][1:])
+            assert np.array_equal(seen[:-1], episode[tick - 1][0][1:])
 
 
 def test_rewards_are_minus_the_index() -> None:
@@ -209,13 +209,13 @@ def study(tmp_path: Path) -> str:
 
 def test_episodes_are_drawn_from_a_study(study: str) -> None:
     env = WideAreaDamping(study=study)
-    told = [env.reset(seed=seed)[1] for seed in range(30)]
-    assert {one["point"] for one in told} == set(range(6))
-    assert len({one["seed"] for one in told}) == 30
-    for one in told:
-        assert one["system.loads.0.P"] == [950, 967, 980][one["point"] % 3]
-    _, one = env.reset(seed=1, options={"point": 5, "seed": 7})
-    assert (one["point"], one["seed"], one["scenario"]) == (5, 7, "large")
+    infos = [env.reset(seed=seed)[1] for seed in range(30)]
+    assert {info["point"] for info in infos} == set(range(6))
+    assert len({info["seed"] for info in infos}) == 30
+    for info in infos:
+        assert info["system.loads.0.P"] == [950, 967, 980][info["point"] % 3]
+    _, info = env.reset(seed=1, options={"point": 5, "seed": 7})
+    assert (info["point"], info["seed"], info["scenario"]) == (5, 7, "large")
     assert env.episode.case.system.loads[0].P == 980
     assert env.episode.case.run.link == "pdci"
     with pytest.raises(InputError, match="point: 6 given; allowed: 0 to 5"):

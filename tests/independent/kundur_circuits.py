@@ -190,8 +190,8 @@ def eigenvalues(system: System, saturation: Saturation | None) -> Complex:
 
 def swings(system: System) -> list[complex]:
     """The interarea mode, those local to area 1 and to area 2, with the book's saturation."""
-    found = [complex(value) for value in eigenvalues(system, BOOK) if value.imag > 2 and -value.real < 0.3 * abs(value)]
-    return sorted(found, key=lambda value: value.imag)
+    modes = [complex(value) for value in eigenvalues(system, BOOK) if value.imag > 2 and -value.real < 0.3 * abs(value)]
+    return sorted(modes, key=lambda value: value.imag)
 
 
 def main() -> None:

@@ -60,11 +60,11 @@ class Unit:
 
     def parts(self, x: list[float]) -> tuple[list[float], list[float], list[float], list[float], list[float]]:
         """Its states in blocks: swing, rotor, exciter, stabiliser, governor."""
-        found, at = [], self.at
+        blocks, at = [], self.at
         for size in (2, *(len(block.states) for block in (self.rotor, self.exciter, self.damper, self.turbine))):
-            found.append(x[at : at + size])
+            blocks.append(x[at : at + size])
             at += size
-        return found[0], found[1], found[2], found[3], found[4]
+        return blocks[0], blocks[1], blocks[2], blocks[3], blocks[4]
 
 
 @dataclass(frozen=True)
@@ -294,14 +294,14 @@ class Model:
                 return self._slopes(x, u(t), network)
 
             inside = times[(times >= a - 1e-12) & (times < b - 1e-12)].clip(a, b)
-            found = np.array([x])
+            states = np.array([x])
             if np.isfinite(b):
                 jacobian = {} if method in EXPLICIT else {"jac": jac}
                 done = solve_ivp(slope, (a, b), x, method, np.append(inside, b), rtol=rtol, atol=atol, **jacobian)
                 if not done.success:
                     raise RuntimeError(f"integration stopped at {a} s: {done.message}")
-                found, x = done.y.T[:-1], done.y[:, -1]
-            for t, row in zip(inside, found, strict=False):
+                states, x = done.y.T[:-1], done.y[:, -1]
+            for t, row in zip(inside, states, strict=False):
                 s = network.solve(self.known(row.tolist(), u(t)))[0]
                 rows.append(row)
                 voltages.append(network.voltages(s))

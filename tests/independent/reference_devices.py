@@ -166,9 +166,9 @@ class Link:
         p = self.p
         order = min(max(p.P / self.base + u, p.P_min / self.base), p.P_max / self.base)
         P = order * min(1.0, *((v / p.V_min) ** 2 for v in (*z, V)))
-        given = P - p.loss * P - p.R * P**2
+        power = P - p.loss * P - p.R * P**2
         sines = [math.sin(math.acos(pf)) / pf for pf in (p.pf_to, p.pf_from)]
-        return complex(given, -given * sines[0]), complex(-P, -P * sines[1])
+        return complex(power, -power * sines[0]), complex(-P, -P * sines[1])
 
     def current(self, z: Values, u: float, V: complex, end: int) -> complex:
         """Current into the network at an end."""

@@ -206,14 +206,14 @@ def power_flow(system: System, installed: Sequence[str]) -> Flow:
     drawing = [p for p in system.devices if isinstance(p, Hvdc) or (isinstance(p, Statcom) and p.name in installed)]
 
     def taken_by_devices(V: Complex) -> Complex:
-        taken = np.zeros(n, complex)
+        draws = np.zeros(n, complex)
         for p in drawing:
             rows = [grid.row[bus] for bus in p.buses]
             if isinstance(p, Hvdc):
-                taken[rows] -= Link(p, [1.0, 1.0], system.base_power).powers([1.0, 1.0], 0.0, 1.0)
+                draws[rows] -= Link(p, [1.0, 1.0], system.base_power).powers([1.0, 1.0], 0.0, 1.0)
             else:
-                taken[rows] += losses(p, float(abs(V[rows[0]])))
-        return taken
+                draws[rows] += losses(p, float(abs(V[rows[0]])))
+        return draws
 
     def split(z: Array) -> tuple[Complex, Complex, Complex]:
         w = z[::2] + 1j * z[1::2]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     Values = list[float]
 
 
-def given(value: float | None) -> float:
+def or_infinite(value: float | None) -> float:
     """A parameter that the machine's model needs, so that it is there."""
     if value is None:
         raise ValueError("a parameter is missing")
@@ -46,7 +46,7 @@ class Rotor:
 
     def __init__(self, m: Machine) -> None:
         self.m, self.S = m, Saturation(m)
-        self.Xd, self.Xq = given(m.Xd1), given(m.Xd1)
+        self.Xd, self.Xq = or_infinite(m.Xd1), or_infinite(m.Xd1)
         # Saturation of the q axis goes by the ratio of the magnetising reactances.
         Xl = m.Xl or 0.0
         self.ratio = (m.Xq - Xl) / (m.Xd - Xl) if m.Xd and m.Xq else 0.0
@@ -65,7 +65,7 @@ class TwoAxis(Rotor):
     def __init__(self, m: Machine) -> None:
         super().__init__(m)
         self.states = ("Eq1",) if m.Tq01 is None else ("Eq1", "Ed1")
-        self.Xq = given(m.Xq if m.Xq1 is None else m.Xq1)
+        self.Xq = or_infinite(m.Xq if m.Xq1 is None else m.Xq1)
 
     def emf(self, z: Values, Efd: float) -> tuple[float, float]:
         return (z[1] if len(z) > 1 else 0.0), z[0]
@@ -73,10 +73,10 @@ class TwoAxis(Rotor):
     def rates(self, z: Values, Efd: float, Id: float, Iq: float) -> Values:
         m, (Ed, Eq) = self.m, self.emf(z, Efd)
         S = self.S(Ed, Eq)
-        dEq = (Efd - (given(m.Xd) - self.Xd) * Id - Eq - S * Eq) / given(m.Td01)
+        dEq = (Efd - (or_infinite(m.Xd) - self.Xd) * Id - Eq - S * Eq) / or_infinite(m.Td01)
         if m.Tq01 is None:
             return [dEq]
-        return [dEq, ((given(m.Xq) - self.Xq) * Iq - Ed - self.ratio * S * Ed) / m.Tq01]
+        return [dEq, ((or_infinite(m.Xq) - self.Xq) * Iq - Ed - self.ratio * S * Ed) / m.Tq01]
 
 
 class Cascade(Rotor):
@@ -85,22 +85,22 @@ class Cascade(Rotor):
     def __init__(self, m: Machine) -> None:
         super().__init__(m)
         self.states = ("Eq1", "Eq2", "Ed2") if m.Tq01 is None else ("Eq1", "Eq2", "Ed2", "Ed1")
-        self.Xd, self.Xq = given(m.Xd2), given(m.Xq2)
-        self.Xq1 = given(m.Xq if m.Xq1 is None else m.Xq1)
+        self.Xd, self.Xq = or_infinite(m.Xd2), or_infinite(m.Xq2)
+        self.Xq1 = or_infinite(m.Xq if m.Xq1 is None else m.Xq1)
 
     def emf(self, z: Values, Efd: float) -> tuple[float, float]:
         return z[2], z[1]
 
     def rates(self, z: Values, Efd: float, Id: float, Iq: float) -> Values:
         m, (Eq1, Eq2, Ed2) = self.m, z[:3]
-        Ed1, Xd1, S = (z[3] if len(z) > 3 else 0.0), given(m.Xd1), self.S(Ed2, Eq2)
+        Ed1, Xd1, S = (z[3] if len(z) > 3 else 0.0), or_infinite(m.Xd1), self.S(Ed2, Eq2)
         rates = [
-            (Efd - (given(m.Xd) - Xd1) * Id - Eq1 - S * Eq2) / given(m.Td01),
-            (Eq1 - (Xd1 - self.Xd) * Id - Eq2) / given(m.Td02),
-            (Ed1 + (self.Xq1 - self.Xq) * Iq - Ed2) / given(m.Tq02),
+            (Efd - (or_infinite(m.Xd) - Xd1) * Id - Eq1 - S * Eq2) / or_infinite(m.Td01),
+            (Eq1 - (Xd1 - self.Xd) * Id - Eq2) / or_infinite(m.Td02),
+            (Ed1 + (self.Xq1 - self.Xq) * Iq - Ed2) / or_infinite(m.Tq02),
         ]
         if m.Tq01 is not None:
-            rates.append(((given(m.Xq) - self.Xq1) * Iq - Ed1 - self.ratio * S * Ed2) / m.Tq01)
+            rates.append(((or_infinite(m.Xq) - self.Xq1) * Iq - Ed1 - self.ratio * S * Ed2) / m.Tq01)
         return rates
 
 
@@ -113,20 +113,25 @@ class Circuits(Rotor):
 
     def __init__(self, m: Machine) -> None:
         super().__init__(m)
-        Xl, self.Xd, self.Xq = given(m.Xl), given(m.Xd2), given(m.Xq2)
-        self.Lad, self.Laq, self.d2, self.q2 = given(m.Xd) - Xl, given(m.Xq) - Xl, self.Xd - Xl, self.Xq - Xl
-        d1 = given(m.Xd1) - Xl
+        Xl, self.Xd, self.Xq = or_infinite(m.Xl), or_infinite(m.Xd2), or_infinite(m.Xq2)
+        self.Lad, self.Laq, self.d2, self.q2 = (
+            or_infinite(m.Xd) - Xl,
+            or_infinite(m.Xq) - Xl,
+            self.Xd - Xl,
+            self.Xq - Xl,
+        )
+        d1 = or_infinite(m.Xd1) - Xl
         self.Lf, self.Ld = 1.0 / (1.0 / d1 - 1.0 / self.Lad), 1.0 / (1.0 / self.d2 - 1.0 / d1)
-        self.wRf, self.wRd = (self.Lad + self.Lf) / given(m.Td01), (self.Ld + d1) / given(m.Td02)
+        self.wRf, self.wRd = (self.Lad + self.Lf) / or_infinite(m.Td01), (self.Ld + d1) / or_infinite(m.Td02)
         if m.Xq1 is None or m.Tq01 is None:
             self.states = ("psi_f", "psi_1d", "psi_2q")
             self.Lq = 1.0 / (1.0 / self.q2 - 1.0 / self.Laq)
-            self.wRq = (self.Lq + self.Laq) / given(m.Tq02)
+            self.wRq = (self.Lq + self.Laq) / or_infinite(m.Tq02)
         else:
             self.states = ("psi_f", "psi_1d", "psi_2q", "psi_1q")
             q1 = m.Xq1 - Xl
             self.Lg, self.Lq = 1.0 / (1.0 / q1 - 1.0 / self.Laq), 1.0 / (1.0 / self.q2 - 1.0 / q1)
-            self.wRg, self.wRq = (self.Laq + self.Lg) / m.Tq01, (self.Lq + q1) / given(m.Tq02)
+            self.wRg, self.wRq = (self.Laq + self.Lg) / m.Tq01, (self.Lq + q1) / or_infinite(m.Tq02)
 
     def emf(self, z: Values, Efd: float) -> tuple[float, float]:
         linked = z[2] / self.Lq + (z[3] / self.Lg if len(z) > 3 else 0.0)

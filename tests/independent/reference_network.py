@@ -109,8 +109,8 @@ class Network:
             V = complex(s.V[bus])
             z = known.devices[p.name]
             on = p.name in model.parallel and p.name not in blocked and V != 0.0
-            given = model.parallel[p.name].current(z, known.u[p.name], V, end) if on else 0.0j
-            currents.append(np.array([given]))
+            current = model.parallel[p.name].current(z, known.u[p.name], V, end) if on else 0.0j
+            currents.append(np.array([current]))
         balance = self.enter @ np.concatenate(currents) - self.grid.Y @ s.V
         balance[self.held] = s.V[self.held] - self.held_V
         v = s.V[self.at] / known.turn
@@ -148,9 +148,9 @@ class Network:
     def _unfit(self, s: Solution) -> set[str]:
         """Devices whose current or voltage is too small to work with, or whose current is too large."""
         series = zip(self.model.series, s.i, strict=True)
-        found = {p.name for p, i in series if not smallest(p) <= abs(i) <= largest(p)}
+        unfit = {p.name for p, i in series if not smallest(p) <= abs(i) <= largest(p)}
         shunts = zip(self.model.shunts, self.shunts, strict=True)
-        return found | {p.name for (p, *_), bus in shunts if isinstance(p, Statcom | Svc) and abs(s.V[bus]) < p.V_min}
+        return unfit | {p.name for (p, *_), bus in shunts if isinstance(p, Statcom | Svc) and abs(s.V[bus]) < p.V_min}
 
     def solve(self, known: Known) -> tuple[Solution, Blocked]:
         """All unknowns, with as few devices blocked as there is a solution with that all others can work in."""
@@ -158,8 +158,10 @@ class Network:
         for count in range(len(installed) + 1):
             for some in combinations(installed, count):
                 blocked = frozenset(some)
-                found = (self._newton(start, known, blocked) for start in (self.y, self.y, self.first, 0.5 * self.y))
-                y = next((y for y in found if y is not None), None)
+                solutions = (
+                    self._newton(start, known, blocked) for start in (self.y, self.y, self.first, 0.5 * self.y)
+                )
+                y = next((y for y in solutions if y is not None), None)
                 s = None if y is None else self.split(y)
                 if s is not None and not self._unfit(s) & set(installed) - blocked:
                     self.y = s.y

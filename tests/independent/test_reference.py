@@ -60,8 +60,8 @@ def test_reference_has_the_four_digits_of_the_thesis() -> None:
 def test_ramps_have_a_rate_and_a_limit() -> None:
     """A target is reached at 5 p.u./s, or left unfinished at the next one; targets are within +-0.1."""
     (p,) = ssscs(shipped("two_area"))
-    found = Ramp(p, [(1.0, 0.3), (1.01, -0.1)], 2.0).at(np.array([0.99, 1.004, 1.01, 1.03, 1.04, 2.0]))
-    np.testing.assert_allclose(found, [0, 0.02, 0.05, -0.05, -0.1, -0.1], rtol=0, atol=1e-12)
+    followed = Ramp(p, [(1.0, 0.3), (1.01, -0.1)], 2.0).at(np.array([0.99, 1.004, 1.01, 1.03, 1.04, 2.0]))
+    np.testing.assert_allclose(followed, [0, 0.02, 0.05, -0.05, -0.1, -0.1], rtol=0, atol=1e-12)
 
 
 def test_bolted_fault_is_the_limit_of_a_small_impedance() -> None:
@@ -119,12 +119,12 @@ def test_eigenvalues_agree(name: str) -> None:
 def test_transfer_functions_agree(name: str) -> None:
     """From setpoints to speeds at 0.6 Hz, relative to the largest."""
     system, built, model = both(name)
-    found = []
+    responses = []
     for names, (A, B) in ((built.state_names, linearise(built)), (model.names, model.state_matrix())):
         speeds = [list(names).index(f"{machine.name}.omega") for machine in system.machines]
-        found.append(np.linalg.solve(4.0j * np.eye(len(A)) - A, B)[speeds])
-    assert np.abs(found[1]).max(axis=0).min() > 1e-4
-    assert (np.abs(found[0] - found[1]) / np.abs(found[1]).max(axis=0)).max() < 1e-6
+        responses.append(np.linalg.solve(4.0j * np.eye(len(A)) - A, B)[speeds])
+    assert np.abs(responses[1]).max(axis=0).min() > 1e-4
+    assert (np.abs(responses[0] - responses[1]) / np.abs(responses[1]).max(axis=0)).max() < 1e-6
 
 
 @cache
@@ -146,15 +146,15 @@ def test_courses_agree(name: str) -> None:
     run = course(SAME.get(name, name))
     np.testing.assert_array_equal(run.t, trace.t)
     tripped = {row["machine"] for row in case.events if row["kind"] == "generator_trip"}
-    kept = [g for g, machine in enumerate(system.machines) if machine.name not in tripped]
+    running = [g for g, machine in enumerate(system.machines) if machine.name not in tripped]
     assert trace.sound.all()
-    assert np.ptp(run.speeds[:, kept], axis=0).max() > max(1e-4, 20 * case.bound)
-    np.testing.assert_allclose(trace.speeds[:, kept], run.speeds[:, kept], rtol=0, atol=case.bound)
+    assert np.ptp(run.speeds[:, running], axis=0).max() > max(1e-4, 20 * case.bound)
+    np.testing.assert_allclose(trace.speeds[:, running], run.speeds[:, running], rtol=0, atol=case.bound)
     angles = trace.machines["rotor_angle"]
-    np.testing.assert_allclose(angles[:, kept], run.angles[:, kept], rtol=0, atol=1000 * case.bound)
+    np.testing.assert_allclose(angles[:, running], run.angles[:, running], rtol=0, atol=1000 * case.bound)
     terminals = [np.abs(run.V[machine.bus][-1]) for machine in system.machines]
-    found = trace.machines["terminal_voltage"][-1]
-    np.testing.assert_allclose(found, terminals, rtol=0, atol=1000 * case.bound)
+    voltage = trace.machines["terminal_voltage"][-1]
+    np.testing.assert_allclose(voltage, terminals, rtol=0, atol=1000 * case.bound)
     for d, device in enumerate(devices):
         np.testing.assert_allclose(trace.reference[:, d], run.references[device], rtol=0, atol=1e-9)
         end = trace.devices[-1, d]
@@ -176,12 +176,12 @@ def test_courses_agree(name: str) -> None:
             assert end["reactive_power"] == pytest.approx(S.imag, rel=0, abs=1000 * case.bound)
         elif isinstance(load := model.parallel[device], Modulated | Battery):
             V = float(abs(run.V[system.devices[d].place][-1]))
-            z = [run.state(f"{device}.{own}")[-1] for own in load.states]
+            z = [run.state(f"{device}.{state}")[-1] for state in load.states]
             u = run.state(f"{device}.reference")[-1] if device in model.lags else run.references[device][-1]
             S = load.power(z, float(u), V)
             assert end["active_power"] == pytest.approx(S.real, rel=0, abs=1000 * case.bound)
             assert end["reactive_power"] == pytest.approx(S.imag, rel=0, abs=1000 * case.bound)
         else:
             V = abs(run.V[system.devices[d].place][-1])
-            given = run.state(f"{device}.B")[-1] * V**2
-            assert end["reactive_power"] == pytest.approx(given, rel=0, abs=1000 * case.bound)
+            reactive_power = run.state(f"{device}.B")[-1] * V**2
+            assert end["reactive_power"] == pytest.approx(reactive_power, rel=0, abs=1000 * case.bound)

@@ -41,7 +41,7 @@ def way_down(ticks: int, seed: int = 0) -> DirectionSpec:
     return DirectionSpec([f"d{i}" for i in range(DEVICES)], {}, 1, 2 * DEVICES, RATE, ticks, (seed, 1))
 
 
-def made(
+def built_links(
     up: Sequence[dict[str, Any]], down: Sequence[dict[str, Any]], ticks: int, seed: int = 0, pmus: int = PMUS
 ) -> Links:
     link = Link.model_validate({"up": list(up), "down": list(down)})
@@ -53,31 +53,31 @@ def values(tick: int, pmus: int = PMUS) -> NDArray[np.float64]:
     return np.asarray(tick + 0.1 * np.arange(pmus)[:, None] + 0.01 * np.arange(len(CHANNELS)))
 
 
-def send(own: Links, ticks: int, first: int = 0) -> NDArray[Any]:
+def send(link: Links, ticks: int, first: int = 0) -> NDArray[Any]:
     """Everything that is delivered while a frame a tick is sent."""
-    out, pmus = [np.zeros(0, DELIVERY)], own.up.statistics.shape[1]
+    out, pmus = [np.zeros(0, DELIVERY)], link.up.statistics.shape[1]
     sound = np.zeros(pmus, np.int64)
     for k in range(first, first + ticks):
         start, end = tick_ns(k, RATE), tick_ns(k + 1, RATE)
-        count = uplink(own, 0, k, start, end, values(k, pmus), np.full(pmus, start), sound)
-        out.append(own.up.out[0, :count].copy())
+        count = uplink(link, 0, k, start, end, values(k, pmus), np.full(pmus, start), sound)
+        out.append(link.up.out[0, :count].copy())
     return np.concatenate(out)
 
 
 def up(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0, pmus: int = PMUS) -> NDArray[Any]:
     """All that becomes of `ticks` frames: with those after them, which are left out, all have arrived."""
-    found = send(made(stages, [], ticks, seed, pmus), ticks + 2 * RATE)
-    return found[found["measured_ns"] < ticks * PERIOD_NS]
+    entries = send(built_links(stages, [], ticks, seed, pmus), ticks + 2 * RATE)
+    return entries[entries["measured_ns"] < ticks * PERIOD_NS]
 
 
-def late_s(found: NDArray[Any]) -> NDArray[np.float64]:
-    return np.asarray((found["arrival_ns"] - found["measured_ns"]) * 1e-9)
+def late_s(entries: NDArray[Any]) -> NDArray[np.float64]:
+    return np.asarray((entries["arrival_ns"] - entries["measured_ns"]) * 1e-9)
 
 
-def lateness(found: NDArray[Any], ticks: int, pmus: int = PMUS) -> NDArray[np.float64]:
+def lateness(entries: NDArray[Any], ticks: int, pmus: int = PMUS) -> NDArray[np.float64]:
     """Delay of each frame's entries, s, (ticks, PMUs); NaN: it did not come."""
     table = np.full((ticks, pmus), math.nan)
-    table[found["measured_ns"] // PERIOD_NS, found["pmu"]] = late_s(found)
+    table[entries["measured_ns"] // PERIOD_NS, entries["pmu"]] = late_s(entries)
     return table
 
 
@@ -119,7 +119,7 @@ def test_entries_draw_by_themselves() -> None:
     late = lateness(up([JITTER], 5000), 5000).T
     bound = 3.0 / math.sqrt(5000)
     assert np.abs(np.corrcoef(late)[np.triu_indices(PMUS, 1)]).max() < bound
-    assert max(abs(np.corrcoef(own[1:], own[:-1])[0, 1]) for own in late) < bound
+    assert max(abs(np.corrcoef(column[1:], column[:-1])[0, 1]) for column in late) < bound
 
 
 def test_seed_decides_and_places_do_not_share_draws() -> None:
@@ -132,10 +132,10 @@ def test_seed_decides_and_places_do_not_share_draws() -> None:
 
 @pytest.mark.parametrize("loss", [0.0, 0.02, 0.3, 1.0])
 def test_share_is_lost(loss: float) -> None:
-    own = made([{"model": "bernoulli", "loss": loss}], [], MANY, pmus=CROWD)
-    found, n = send(own, MANY), MANY * CROWD
-    assert abs(len(found) / n - (1.0 - loss)) <= 3.0 * math.sqrt(loss * (1.0 - loss) / n)
-    assert own.up.statistics[0]["lost"].sum() == n - len(found)
+    link = built_links([{"model": "bernoulli", "loss": loss}], [], MANY, pmus=CROWD)
+    entries, n = send(link, MANY), MANY * CROWD
+    assert abs(len(entries) / n - (1.0 - loss)) <= 3.0 * math.sqrt(loss * (1.0 - loss) / n)
+    assert link.up.statistics[0]["lost"].sum() == n - len(entries)
 
 
 def test_losses_come_in_bursts_of_the_length_that_the_chain_has() -> None:
@@ -144,8 +144,8 @@ def test_losses_come_in_bursts_of_the_length_that_the_chain_has() -> None:
     stage = {"model": "gilbert_elliott", "p_GB": p_gb, "p_BG": p_bg}
     there = ~np.isnan(lateness(up([stage], MANY, pmus=CROWD), MANY, CROWD))
     lengths: list[int] = []
-    for own in there.T:
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], own, [True]])))
+    for present in there.T:
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], present, [True]])))
         lengths += (edges[1::2] - edges[::2]).tolist()
     fraction, both = p_gb / (p_gb + p_bg), p_gb + p_bg
     error = math.sqrt(fraction * (1.0 - fraction) / there.size * (2.0 - both) / both)  # of a chain of two states
@@ -164,17 +164,17 @@ def test_copies_go_their_own_way() -> None:
     """With a probability of 1 every entry comes twice; a copy draws by itself what comes after it was made."""
     twice = {"model": "duplicate", "probability": 1.0}
     key = ["pmu", "measured_ns", "arrival_ns"]
-    found = up([JITTER, twice], 100)
-    assert (len(found), len(np.unique(found[key]))) == (2 * 100 * PMUS, 100 * PMUS)
+    entries = up([JITTER, twice], 100)
+    assert (len(entries), len(np.unique(entries[key]))) == (2 * 100 * PMUS, 100 * PMUS)
     apart = up([twice, JITTER], 100)
     assert (len(apart), len(np.unique(apart[key]))) == (2 * 100 * PMUS, 2 * 100 * PMUS)
 
 
 def test_share_is_copied() -> None:
-    own = made([{"model": "duplicate", "probability": 0.2}], [], MANY, pmus=CROWD)
-    found, n = send(own, MANY), MANY * CROWD
-    assert abs(len(found) / n - 1.2) < 3.0 * math.sqrt(0.2 * 0.8 / n)
-    assert own.up.statistics[0]["duplicated"].sum() == len(found) - n
+    link = built_links([{"model": "duplicate", "probability": 0.2}], [], MANY, pmus=CROWD)
+    entries, n = send(link, MANY), MANY * CROWD
+    assert abs(len(entries) / n - 1.2) < 3.0 * math.sqrt(0.2 * 0.8 / n)
+    assert link.up.statistics[0]["duplicated"].sum() == len(entries) - n
 
 
 def test_entries_overtake_unless_they_are_kept_in_order() -> None:
@@ -208,9 +208,9 @@ def test_concentrator_may_hold_the_last_entry_in_the_place_of_one_that_is_missin
     """The values are the last ones that it sent of this PMU, the stamp is the frame's; they are counted as held."""
     lossy = [{"model": "bernoulli", "loss": 0.3, "channels": ["s1"]}]
     lost = np.isnan(lateness(up(lossy, 300), 300)[:, 1])
-    own = made([*lossy, {"model": "wait", "wait": 0.05, "missing": "hold"}], [], 300)
-    found = send(own, 300)
-    said = {int(row["measured_ns"] // PERIOD_NS): row for row in found[found["pmu"] == 1]}
+    link = built_links([*lossy, {"model": "wait", "wait": 0.05, "missing": "hold"}], [], 300)
+    entries = send(link, 300)
+    said = {int(row["measured_ns"] // PERIOD_NS): row for row in entries[entries["pmu"] == 1]}
     newest, held = -1, 0
     for k in range(300):
         newest = newest if lost[k] else k
@@ -221,22 +221,25 @@ def test_concentrator_may_hold_the_last_entry_in_the_place_of_one_that_is_missin
             np.testing.assert_allclose(said[k]["values"], values(newest)[1])
             assert said[k]["arrival_ns"] - said[k]["measured_ns"] == (0 if newest == k else to_ns(0.05))
     assert held > 50
-    s = own.up.statistics[0, 1]
+    s = link.up.statistics[0, 1]
     assert (s["held"], s["lost"]) == (held, lost.sum())
 
 
 def test_playout_buffer_makes_the_delay_constant_for_what_is_in_time() -> None:
-    plain, smooth = (lateness(up(own, 500), 500) for own in ([JITTER], [JITTER, {"model": "playout", "delay": 0.08}]))
+    plain, smooth = (
+        lateness(up(stages_of_link, 500), 500)
+        for stages_of_link in ([JITTER], [JITTER, {"model": "playout", "delay": 0.08}])
+    )
     np.testing.assert_allclose(smooth, np.maximum(plain, 0.08), atol=1e-9)
     assert 0.1 < (plain > 0.08).mean() < 0.3
 
 
 def test_setpoints_play_out_by_the_age_of_what_they_rest_on() -> None:
-    own, row = made([], [{"model": "playout", "delay": 0.2}], 10), np.zeros(1, SETPOINT)
+    link, row = built_links([], [{"model": "playout", "delay": 0.2}], 10), np.zeros(1, SETPOINT)
     row["measured_ns"], row["issued_ns"] = to_ns(0.01), to_ns(0.07)
-    assert downlink(own, 0, 0, to_ns(0.1), row, 1) == 0
-    assert downlink(own, 0, 1, to_ns(0.3), row, 0) == 1
-    assert own.down.out[0, 0]["effective_ns"] == to_ns(0.21)
+    assert downlink(link, 0, 0, to_ns(0.1), row, 1) == 0
+    assert downlink(link, 0, 1, to_ns(0.3), row, 0) == 1
+    assert link.down.out[0, 0]["effective_ns"] == to_ns(0.21)
 
 
 def test_trace_is_replayed_entry_by_entry_and_again() -> None:
@@ -244,8 +247,8 @@ def test_trace_is_replayed_entry_by_entry_and_again() -> None:
     table = lateness(up([{"model": "trace", "delays": delays}], 8), 8)
     wanted = [math.nan if d is None else d for d in delays * 2]
     np.testing.assert_allclose(table, np.array(wanted)[:, None] * np.ones(PMUS))
-    own = lateness(up([{"model": "trace", "delays": {"s1": [0.02]}}], 5), 5)
-    np.testing.assert_allclose(own, [[0.0, 0.02, 0.0]] * 5)
+    lateness_found = lateness(up([{"model": "trace", "delays": {"s1": [0.02]}}], 5), 5)
+    np.testing.assert_allclose(lateness_found, [[0.0, 0.02, 0.0]] * 5)
 
 
 @pytest.mark.parametrize(("names", "who"), [(["s1"], [1]), (["both"], [0, 2]), (["both", "s1"], [0, 1, 2])])
@@ -255,10 +258,10 @@ def test_stages_act_on_stations_or_on_those_of_signals(names: list[str], who: li
 
 
 def test_stages_act_on_devices() -> None:
-    own, rows = made([], [{"delay": 0.03, "channels": ["d1"]}], 5), np.zeros(2, SETPOINT)
+    link, rows = built_links([], [{"delay": 0.03, "channels": ["d1"]}], 5), np.zeros(2, SETPOINT)
     rows["device"] = [0, 1]
-    assert downlink(own, 0, 0, 1, rows, 2) == 1
-    assert own.down.out[0, 0]["device"] == 0
+    assert downlink(link, 0, 0, 1, rows, 2) == 1
+    assert link.down.out[0, 0]["device"] == 0
 
 
 def test_step_of_the_delay_is_two_stages_one_until_and_one_from_then_on() -> None:
@@ -287,32 +290,32 @@ def test_disturbed_data(
     """From 0.3 to 0.5 s, one PMU, all its values or one; the others and the times stay as they are."""
     fields, wanted = case
     stage = {"model": model, **fields, "start": 0.3, "duration": 0.2, "channels": ["s1"], "measurement": measurement}
-    found, plain = up([stage], 40), up([], 40)
-    np.testing.assert_array_equal(found["arrival_ns"], plain["arrival_ns"])
+    entries, plain = up([stage], 40), up([], 40)
+    np.testing.assert_array_equal(entries["arrival_ns"], plain["arrival_ns"])
     for s in range(PMUS):
         for j in range(len(CHANNELS)):
             y = plain["values"][plain["pmu"] == s][:, j]
             struck = s == 1 and (measurement is None or j == SPEED)
-            np.testing.assert_allclose(found["values"][found["pmu"] == s][:, j], wanted(y) if struck else y)
+            np.testing.assert_allclose(entries["values"][entries["pmu"] == s][:, j], wanted(y) if struck else y)
 
 
 def added(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> NDArray[np.float64]:
     """What stages add to values that are zero, (ticks, PMUs, channels)."""
-    own, found = made(stages, [], ticks, seed), np.zeros((ticks, PMUS, len(CHANNELS)))
+    link, differences = built_links(stages, [], ticks, seed), np.zeros((ticks, PMUS, len(CHANNELS)))
     for k in range(ticks):
         count = uplink(
-            own,
+            link,
             0,
             k,
             tick_ns(k, RATE),
             tick_ns(k + 1, RATE),
-            np.zeros(found.shape[1:]),
-            np.full(found.shape[1], tick_ns(k, RATE)),
+            np.zeros(differences.shape[1:]),
+            np.full(differences.shape[1], tick_ns(k, RATE)),
             SOUND,
         )
         assert count == PMUS
-        found[k, own.up.out[0, :count]["pmu"]] = own.up.out[0, :count]["values"]
-    return found
+        differences[k, link.up.out[0, :count]["pmu"]] = link.up.out[0, :count]["values"]
+    return differences
 
 
 def test_flipped_bits_are_one_of_an_entry_and_as_many_as_is_said() -> None:
@@ -327,8 +330,8 @@ def test_flipped_bits_are_one_of_an_entry_and_as_many_as_is_said() -> None:
     bits = np.unique(words)
     assert {int(word) & (2**64 - 1) for word in bits} <= {0, *(1 << k for k in range(64))}
     assert len(bits) > 60
-    one = added([{"model": "flip", "probability": 1.0, "measurement": "frequency"}], 50)
-    assert set(np.flatnonzero((one.view(np.int64) != 0).any(axis=(0, 1)))) == {list(CHANNELS).index("frequency")}
+    noise = added([{"model": "flip", "probability": 1.0, "measurement": "frequency"}], 50)
+    assert set(np.flatnonzero((noise.view(np.int64) != 0).any(axis=(0, 1)))) == {list(CHANNELS).index("frequency")}
 
 
 def test_signed_message_with_a_flipped_bit_is_lost() -> None:
@@ -349,7 +352,7 @@ def test_noise_is_normal_white_and_apart_in_every_value() -> None:
     series = added([{"model": "noise", "std": std}], n).reshape(n, -1).T
     assert np.abs(series.mean(axis=1)).max() < 4.0 * std / math.sqrt(n)
     assert np.abs(series.std(axis=1) / std - 1.0).max() < 4.0 / math.sqrt(2.0 * n)
-    assert min(stats.kstest(own / std, "norm").pvalue for own in series) > 1e-4
+    assert min(stats.kstest(values_of_noise / std, "norm").pvalue for values_of_noise in series) > 1e-4
     assert np.abs(np.corrcoef(series)[np.triu_indices(len(series), 1)]).max() < 4.5 / math.sqrt(n)
     for lag in (1, 2, 7):
         later = [[np.corrcoef(a[lag:], b[:-lag])[0, 1] for a in series] for b in series]
@@ -378,49 +381,49 @@ def test_noise_is_where_it_is_said_to_be() -> None:
 
 
 def test_setpoints_have_noise_of_their_own() -> None:
-    own, rows = made([], [{"model": "noise", "std": 0.1}], 400), np.zeros(DEVICES, SETPOINT)
+    link, rows = built_links([], [{"model": "noise", "std": 0.1}], 400), np.zeros(DEVICES, SETPOINT)
     rows["device"] = range(DEVICES)
-    found = np.zeros((400, DEVICES))
+    noise = np.zeros((400, DEVICES))
     for k in range(400):
         rows["issued_ns"] = tick_ns(k, RATE)
-        assert downlink(own, 0, k, tick_ns(k + 1, RATE), rows, DEVICES) == DEVICES
-        found[k, own.down.out[0, :DEVICES]["device"]] = own.down.out[0, :DEVICES]["value"]
-    assert np.abs(found.std(axis=0) / 0.1 - 1.0).max() < 4.0 / math.sqrt(800.0)
-    assert abs(np.corrcoef(found.T)[0, 1]) < 4.0 / 20.0
+        assert downlink(link, 0, k, tick_ns(k + 1, RATE), rows, DEVICES) == DEVICES
+        noise[k, link.down.out[0, :DEVICES]["device"]] = link.down.out[0, :DEVICES]["value"]
+    assert np.abs(noise.std(axis=0) / 0.1 - 1.0).max() < 4.0 / math.sqrt(800.0)
+    assert abs(np.corrcoef(noise.T)[0, 1]) < 4.0 / 20.0
 
 
 def test_deviation_of_noise_may_be_changed() -> None:
     """From then on, with the draws as they were."""
-    own = made([{"model": "noise", "std": 1.0}], [], 20)
-    whole, before = send(made([{"model": "noise", "std": 1.0}], [], 20), 20), send(own, 10)
-    more = changed(own.up, 0, 0, one_stage.validate_python({"model": "noise", "std": 3.0}), way_up(20))
-    found, plain = np.concatenate([before, send(own._replace(up=more), 10, 10)]), send(made([], [], 20), 20)
+    link = built_links([{"model": "noise", "std": 1.0}], [], 20)
+    whole, before = send(built_links([{"model": "noise", "std": 1.0}], [], 20), 20), send(link, 10)
+    more = changed(link.up, 0, 0, one_stage.validate_python({"model": "noise", "std": 3.0}), way_up(20))
+    entries, plain = np.concatenate([before, send(link._replace(up=more), 10, 10)]), send(built_links([], [], 20), 20)
     factor = np.where(plain["measured_ns"] < 10 * PERIOD_NS, 1.0, 3.0)[:, None]
     noise = whole["values"] - plain["values"]
-    np.testing.assert_allclose(found["values"] - plain["values"], factor * noise, atol=1e-12)
+    np.testing.assert_allclose(entries["values"] - plain["values"], factor * noise, atol=1e-12)
 
 
 def test_time_stamps_may_be_wrong() -> None:
-    found = send(made([{"model": "spoof", "offset": -0.5, "start": 0.1}], [], 10), 10)
+    entries = send(built_links([{"model": "spoof", "offset": -0.5, "start": 0.1}], [], 10), 10)
     stamp = np.repeat(np.arange(10) * PERIOD_NS, PMUS)
-    np.testing.assert_array_equal(found["arrival_ns"], stamp)
-    np.testing.assert_array_equal(found["measured_ns"], stamp - np.where(stamp >= to_ns(0.1), to_ns(0.5), 0))
+    np.testing.assert_array_equal(entries["arrival_ns"], stamp)
+    np.testing.assert_array_equal(entries["measured_ns"], stamp - np.where(stamp >= to_ns(0.1), to_ns(0.5), 0))
 
 
 def test_setpoints_are_disturbed_too() -> None:
-    own = made([], [{"model": "scale", "factor": 0.5, "channels": ["d0"]}, {"model": "bias", "bias": 1.0}], 5)
+    link = built_links([], [{"model": "scale", "factor": 0.5, "channels": ["d0"]}, {"model": "bias", "bias": 1.0}], 5)
     rows = np.zeros(2, SETPOINT)
     rows["device"], rows["value"] = [0, 1], [4.0, 4.0]
-    assert downlink(own, 0, 0, 1, rows, 2) == 2
-    assert own.down.out[0, :2]["value"].tolist() == [3.0, 5.0]
+    assert downlink(link, 0, 0, 1, rows, 2) == 2
+    assert link.down.out[0, :2]["value"].tolist() == [3.0, 5.0]
 
 
 def test_delay_that_is_changed_holds_for_what_is_sent_after() -> None:
     """Also where it needs more room than there was; what is under way arrives as it was sent."""
-    own = made([{"delay": 0.1}], [{"delay": 0.1}], 100)
-    before = send(own, 50)
-    longer = changed(own.up, 0, 0, one_stage.validate_python({"delay": 30.0}), way_up(100))
-    later = own._replace(up=longer)
+    link = built_links([{"delay": 0.1}], [{"delay": 0.1}], 100)
+    before = send(link, 50)
+    longer = changed(link.up, 0, 0, one_stage.validate_python({"delay": 30.0}), way_up(100))
+    later = link._replace(up=longer)
     ticks = 50 + 31 * RATE
     table = lateness(np.concatenate([before, send(later, ticks - 50, 50)]), ticks)
     np.testing.assert_allclose(table[:50], 0.1)
@@ -467,17 +470,17 @@ waits = stage(
 @given(chain=st.lists(anything | waits, max_size=6), down=st.lists(anything, max_size=4), seed=st.integers(0, 2**32))
 def test_random_chains_keep_count_and_order(chain: list[dict[str, Any]], down: list[dict[str, Any]], seed: int) -> None:
     """Every entry is delivered, lost or under way; a tick gets what arrives in it, in order, none before it is sent."""
-    own, given = made(chain, down, 40, seed), np.zeros(DEVICES, SETPOINT)
-    given["device"] = range(DEVICES)
+    link, setpoints = built_links(chain, down, 40, seed), np.zeros(DEVICES, SETPOINT)
+    setpoints["device"] = range(DEVICES)
     for k in range(60):
         start, end = tick_ns(k, RATE), tick_ns(k + 1, RATE)
-        count = uplink(own, 0, k, start, end, values(k), np.full(len(values(k)), start), SOUND)
-        given["issued_ns"] = given["measured_ns"] = start
-        there = downlink(own, 0, k, end, given, DEVICES)
-        for arrival in (own.up.out[0, :count]["arrival_ns"], own.down.out[0, :there]["effective_ns"]):
+        count = uplink(link, 0, k, start, end, values(k), np.full(len(values(k)), start), SOUND)
+        setpoints["issued_ns"] = setpoints["measured_ns"] = start
+        there = downlink(link, 0, k, end, setpoints, DEVICES)
+        for arrival in (link.up.out[0, :count]["arrival_ns"], link.down.out[0, :there]["effective_ns"]):
             assert (np.diff(arrival) >= 0).all()
             assert ((arrival >= start) & (arrival < end)).all()
-    for way in (own.up, own.down):
+    for way in (link.up, link.down):
         s = way.statistics[0]
         under_way = s["sent"] + s["duplicated"] + s["held"] - s["delivered"] - s["lost"]
         assert (under_way >= 0).all()

@@ -38,8 +38,8 @@ PRESETS: dict[str, tuple[float, float, float, float]] = {
 
 
 def run(link: str | dict[str, Any], *more: str) -> Record:
-    given = link if isinstance(link, str) else json.dumps(link)
-    return loop.run(load_case(None, [f"link={given}", *more]))
+    link_text = link if isinstance(link, str) else json.dumps(link)
+    return loop.run(load_case(None, [f"link={link_text}", *more]))
 
 
 def test_table_of_link_presets_is_complete() -> None:
@@ -62,9 +62,9 @@ def test_preset_has_the_delays_that_it_stands_for(name: str) -> None:
 
 def test_loop_over_a_preset_reports_its_latency() -> None:
     """A setpoint rests on the newest frame of any PMU, so it is not older than entries are on average."""
-    found = latency(run("pdci"))
-    assert 69.0 <= float(found.mean or 0.0) <= 82.0
-    assert float(found.max or 0.0) < 150.0
+    latencies = latency(run("pdci"))
+    assert 69.0 <= float(latencies.mean or 0.0) <= 82.0
+    assert float(latencies.max or 0.0) < 150.0
 
 
 def test_lag_of_an_identifier_is_the_links_mean_delay() -> None:
@@ -101,10 +101,10 @@ def test_table_of_delays_is_replayed(tmp_path: Path) -> None:
     path = tmp_path / "delays.csv"
     path.write_text("delay_s\n0.03\n\n0.01\n", encoding="utf-8")
     record = trace_run(path)
-    own = record.delivered[record.delivered["pmu"] == 0]
-    late = {int(row["measured_ns"]): (row["arrival_ns"] - row["measured_ns"]) * 1e-9 for row in own}
-    found = [late.get(int(time), math.nan) for time in record.time_ns[:6]]
-    np.testing.assert_allclose(found, [0.03, math.nan, 0.01] * 2)
+    entries = record.delivered[record.delivered["pmu"] == 0]
+    late = {int(row["measured_ns"]): (row["arrival_ns"] - row["measured_ns"]) * 1e-9 for row in entries}
+    delays = [late.get(int(time), math.nan) for time in record.time_ns[:6]]
+    np.testing.assert_allclose(delays, [0.03, math.nan, 0.01] * 2)
     again = make_case(record.configuration, "stored")  # it holds the delays themselves
     assert loop.run(again).delivered.tobytes() == record.delivered.tobytes()
 
@@ -138,9 +138,9 @@ def test_table_may_have_a_column_a_station(tmp_path: Path) -> None:
     path = tmp_path / "delays.csv"
     name = load_case(None).system.pmus[1].name
     path.write_text(f"{name}\n0.03\n", encoding="utf-8")
-    own = trace_run(path).delivered
-    assert set((own["arrival_ns"] - own["measured_ns"])[own["pmu"] == 1].tolist()) == {30_000_000}
-    assert set((own["arrival_ns"] - own["measured_ns"])[own["pmu"] != 1].tolist()) == {0}
+    entries = trace_run(path).delivered
+    assert set((entries["arrival_ns"] - entries["measured_ns"])[entries["pmu"] == 1].tolist()) == {30_000_000}
+    assert set((entries["arrival_ns"] - entries["measured_ns"])[entries["pmu"] != 1].tolist()) == {0}
 
 
 def test_delays_of_a_record_replayed_are_those_of_the_record() -> None:

@@ -56,37 +56,37 @@ def send_up(delays_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
     """Frames through a chain; each value says tick, PMU and channel."""
     link = alone(stages(*delays_ns), [], 1, rate)
     way = link.up.each[0]
-    given, out = [], []
+    frames, out = [], []
     for k in range(ticks):
         start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
         frame = k + 0.1 * np.arange(PMUS)[:, None] + 0.01 * np.arange(len(CHANNELS))
-        made = np.zeros(PMUS, DELIVERY)
-        made["pmu"], made["measured_ns"], made["values"] = np.arange(PMUS), start, frame
-        given.append(made)
+        entries = np.zeros(PMUS, DELIVERY)
+        entries["pmu"], entries["measured_ns"], entries["values"] = np.arange(PMUS), start, frame
+        frames.append(entries)
         count = uplink(link, 0, k, start, end, frame, np.full(len(frame), start), SOUND)
         assert count == way.ring[2]
         out.append(way.out[:count].copy())
         assert (out[-1]["tick"] == k).all()
         assert (out[-1]["arrival_ns"] < end).all()
-    return Sent(way, np.concatenate(given), np.concatenate(out), ticks)
+    return Sent(way, np.concatenate(frames), np.concatenate(out), ticks)
 
 
 def send_down(delays_ns: Sequence[int], issued_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
     """Setpoints, each issued at its own instant, in the tick that holds it; values count them."""
     link = alone([], stages(*delays_ns), len(issued_ns), rate)
     way = link.down.each[0]
-    given = np.zeros(len(issued_ns), SETPOINT)
-    given["issued_ns"] = given["effective_ns"] = np.sort(issued_ns)
-    given["device"], given["value"] = np.arange(len(given)) % DEVICES, np.arange(len(given))
+    setpoints = np.zeros(len(issued_ns), SETPOINT)
+    setpoints["issued_ns"] = setpoints["effective_ns"] = np.sort(issued_ns)
+    setpoints["device"], setpoints["value"] = np.arange(len(setpoints)) % DEVICES, np.arange(len(setpoints))
     out = []
     for k in range(ticks):
         start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
-        due = given[(given["issued_ns"] >= start) & (given["issued_ns"] < end)]
+        due = setpoints[(setpoints["issued_ns"] >= start) & (setpoints["issued_ns"] < end)]
         count = downlink(link, 0, k, end, due, len(due))
         out.append(way.out[:count].copy())
         assert (out[-1]["tick"] == k).all()
         assert ((out[-1]["effective_ns"] < end) & (out[-1]["effective_ns"] >= start)).all()
-    return Sent(way, given[given["issued_ns"] < tick_ns(ticks, rate)], np.concatenate(out), ticks)
+    return Sent(way, setpoints[setpoints["issued_ns"] < tick_ns(ticks, rate)], np.concatenate(out), ticks)
 
 
 def check_statistics(sent: Sent, channel_of: str, delay_ns: int) -> None:
@@ -150,14 +150,14 @@ def test_setpoints_issued_in_any_order_are_delivered_by_arrival(issued: list[int
     """Setpoints of several controllers come in any order of issue: out by arrival, first come first at one instant."""
     link = alone([], stages(delay), len(issued), 60)
     (out,) = link.down.out
-    given = np.zeros(len(issued), SETPOINT)
-    given["issued_ns"], given["value"] = issued, np.arange(len(issued))
-    assert downlink(link, 0, 0, delay, given, len(given)) == 0
-    count = downlink(link, 0, 1, 1_000_000_000 + delay, given, 0)
+    setpoints = np.zeros(len(issued), SETPOINT)
+    setpoints["issued_ns"], setpoints["value"] = issued, np.arange(len(issued))
+    assert downlink(link, 0, 0, delay, setpoints, len(setpoints)) == 0
+    count = downlink(link, 0, 1, 1_000_000_000 + delay, setpoints, 0)
     order = np.argsort(issued, kind="stable")
     np.testing.assert_array_equal(out[:count]["value"], order)
     np.testing.assert_array_equal(out[:count]["effective_ns"], np.array(issued)[order] + delay)
-    assert downlink(link, 0, 2, 5_000_000_000, given, 0) == 0
+    assert downlink(link, 0, 2, 5_000_000_000, setpoints, 0) == 0
 
 
 def test_entry_that_arrives_on_a_boundary_belongs_to_the_tick_that_starts() -> None:
@@ -182,12 +182,12 @@ def test_setpoint_that_finds_the_link_full_is_counted_as_lost() -> None:
     link = alone([], stages(to_ns(1.0)), 1, 10)
     way = link.down.each[0]
     room = len(way.entries)
-    given = np.zeros(room + 7, SETPOINT)
-    given["value"] = np.arange(len(given))
-    assert downlink(link, 0, 0, 1, given, len(given)) == 0
+    setpoints = np.zeros(room + 7, SETPOINT)
+    setpoints["value"] = np.arange(len(setpoints))
+    assert downlink(link, 0, 0, 1, setpoints, len(setpoints)) == 0
     s = way.statistics[0]
     assert (s["sent"], s["delivered"], s["lost"], way.ring[1]) == (room + 7, 0, 7, room)
-    count = downlink(link, 0, 1, to_ns(2.0), given, 0)
+    count = downlink(link, 0, 1, to_ns(2.0), setpoints, 0)
     assert way.out[:count]["value"].tolist() == list(range(room))
     assert (s["delivered"], way.ring[1]) == (room, 0)
 
@@ -195,14 +195,14 @@ def test_setpoint_that_finds_the_link_full_is_counted_as_lost() -> None:
 @pytest.mark.parametrize("delay", [0.0, 0.1, 60.0])
 def test_directions_have_room_for_the_longest_delay(delay: float) -> None:
     """Every tick full, for as long as entries are under way."""
-    made = links([Link(up=[Constant(delay=delay)], down=[Constant(delay=delay)])], [0], *ways(30, 2))
-    up, down = made.up.each[0], made.down.each[0]
-    frame, given = np.zeros((PMUS, len(CHANNELS))), np.zeros(4, SETPOINT)
+    built = links([Link(up=[Constant(delay=delay)], down=[Constant(delay=delay)])], [0], *ways(30, 2))
+    up, down = built.up.each[0], built.down.each[0]
+    frame, setpoints = np.zeros((PMUS, len(CHANNELS))), np.zeros(4, SETPOINT)
     for k in range(round(delay * 30) + 60):
         start, end = tick_ns(k, 30), tick_ns(k + 1, 30)
-        given["issued_ns"] = start
-        uplink(made, 0, k, start, end, frame, np.full(len(frame), start), SOUND)
-        downlink(made, 0, k, end, given, len(given))
+        setpoints["issued_ns"] = start
+        uplink(built, 0, k, start, end, frame, np.full(len(frame), start), SOUND)
+        downlink(built, 0, k, end, setpoints, len(setpoints))
     assert up.statistics["lost"].sum() == down.statistics["lost"].sum() == 0
     assert up.statistics["delivered"].min() > 0
     assert len(up.statistics) == PMUS
@@ -233,33 +233,33 @@ def several(draw: st.DrawFn) -> Several:
     end = tick_ns(TICKS, rate) - 1
     instants = st.sampled_from([0, end // 3, end // 2]) | st.integers(0, end)
     issued = draw(st.lists(st.tuples(st.integers(0, len(used) - 1), instants), max_size=20))
-    return Several(chains, used, sorted(issued, key=lambda one: one[1]), rate)
+    return Several(chains, used, sorted(issued, key=lambda pair: pair[1]), rate)
 
 
 def through(case: Several, order: Sequence[int]) -> list[tuple[NDArray[Any], NDArray[Any]]]:
     """What all links deliver, up and (merged) down, tick by tick; the links are served in an order."""
-    made = links(
+    built = links(
         [Link(up=stages(*up), down=stages(*down)) for up, down in case.chains],
         case.used,
         *ways(case.rate, max(len(case.issued), 1)),
     )
-    given = np.zeros(len(case.issued), SETPOINT)
-    given["controller"], given["issued_ns"] = np.array(case.issued, np.int64).reshape(-1, 2).T
-    given["value"] = np.arange(len(given))
-    table, found = np.zeros(made.down.out.size, SETPOINT), []
+    setpoints = np.zeros(len(case.issued), SETPOINT)
+    setpoints["controller"], setpoints["issued_ns"] = np.array(case.issued, np.int64).reshape(-1, 2).T
+    setpoints["value"] = np.arange(len(setpoints))
+    table, by_tick = np.zeros(built.down.out.size, SETPOINT), []
     for k in range(TICKS):
         start, end = tick_ns(k, case.rate), tick_ns(k + 1, case.rate)
-        due = given[(given["issued_ns"] >= start) & (given["issued_ns"] < end)]
+        due = setpoints[(setpoints["issued_ns"] >= start) & (setpoints["issued_ns"] < end)]
         for link in order:
-            uplink(made, link, k, start, end, np.full((PMUS, len(CHANNELS)), float(k)), np.full(PMUS, start), SOUND)
-            downlink(made, link, k, end, due, len(due))
+            uplink(built, link, k, start, end, np.full((PMUS, len(CHANNELS)), float(k)), np.full(PMUS, start), SOUND)
+            downlink(built, link, k, end, due, len(due))
         count, up = 0, []
         for link in range(len(case.chains)):
-            up.append(made.up.out[link, : made.up.ring[link, 2]].copy())
-            count = merge(table, count, made.down.out[link], made.down.ring[link, 2])
-        found.append((np.concatenate(up), table[:count].copy()))
-    assert made.up.statistics["lost"].sum() == made.down.statistics["lost"].sum() == 0
-    return found
+            up.append(built.up.out[link, : built.up.ring[link, 2]].copy())
+            count = merge(table, count, built.down.out[link], built.down.ring[link, 2])
+        by_tick.append((np.concatenate(up), table[:count].copy()))
+    assert built.up.statistics["lost"].sum() == built.down.statistics["lost"].sum() == 0
+    return by_tick
 
 
 @some
@@ -269,9 +269,9 @@ def test_links_side_by_side_deliver_what_each_delivers_alone(case: Several, data
     order = data.draw(st.permutations(range(len(case.chains))))
     whole = through(case, order)
     for link, chains in enumerate(case.chains):
-        own = [issued for issued in case.issued if case.used[issued[0]] == link]
+        setpoints_of_link = [issued for issued in case.issued if case.used[issued[0]] == link]
         values = [i for i, issued in enumerate(case.issued) if case.used[issued[0]] == link]
-        by_itself = through(Several([chains], [0] * len(case.used), own, case.rate), [0])
+        by_itself = through(Several([chains], [0] * len(case.used), setpoints_of_link, case.rate), [0])
         for (up, down), (up_alone, down_alone) in zip(whole, by_itself, strict=True):
             down_alone["value"], up_alone["link"] = [values[int(v)] for v in down_alone["value"]], link
             np.testing.assert_array_equal(up[up["link"] == link], up_alone)
@@ -282,16 +282,16 @@ def test_links_side_by_side_deliver_what_each_delivers_alone(case: Several, data
 @given(case=several())
 def test_setpoints_of_all_links_are_ordered_by_time_then_by_link(case: Several) -> None:
     """Each setpoint once, as late as its own link is long; the plant takes them as they stand."""
-    found = np.concatenate([down for _, down in through(case, range(len(case.chains)))])
-    link = np.array(case.used)[found["controller"]]
+    setpoints = np.concatenate([down for _, down in through(case, range(len(case.chains)))])
+    link = np.array(case.used)[setpoints["controller"]]
     late = np.array([sum(down) for _, down in case.chains])[link]
-    np.testing.assert_array_equal(found["effective_ns"], found["issued_ns"] + late)
-    order = np.lexsort((found["value"], link, found["effective_ns"]))
-    np.testing.assert_array_equal(order, np.arange(len(found)))
+    np.testing.assert_array_equal(setpoints["effective_ns"], setpoints["issued_ns"] + late)
+    order = np.lexsort((setpoints["value"], link, setpoints["effective_ns"]))
+    np.testing.assert_array_equal(order, np.arange(len(setpoints)))
     by_time = {
         i for i, (c, ns) in enumerate(case.issued) if ns + sum(case.chains[case.used[c]][1]) < tick_ns(TICKS, case.rate)
     }
-    assert sorted(found["value"]) == sorted(by_time)
+    assert sorted(setpoints["value"]) == sorted(by_time)
 
 
 def test_merged_table_keeps_what_was_there_before_what_comes_at_the_same_time() -> None:
@@ -307,13 +307,13 @@ def test_merged_table_keeps_what_was_there_before_what_comes_at_the_same_time() 
 
 def test_stages_that_fill_up_a_chain_do_not_delay() -> None:
     short, long = Link(up=[Constant(delay=0.02)]), Link(up=[Constant(delay=0.01)] * 4, down=[Constant(delay=0.5)])
-    made = links([short, long], [0, 1], *ways(60, 1))
-    assert made.up.chain.rows.shape == (2, 4)
+    built = links([short, long], [0, 1], *ways(60, 1))
+    assert built.up.chain.rows.shape == (2, 4)
     arrived: list[list[int]] = [[], []]
     for k in range(6):
         for link in range(2):
             count = uplink(
-                made,
+                built,
                 link,
                 k,
                 tick_ns(k, 60),
@@ -322,33 +322,33 @@ def test_stages_that_fill_up_a_chain_do_not_delay() -> None:
                 np.full(PMUS, tick_ns(k, 60)),
                 SOUND,
             )
-            out = made.up.out[link, :count]
+            out = built.up.out[link, :count]
             arrived[link] += (out["arrival_ns"] - out["measured_ns"]).tolist()
-    assert [set(found) for found in arrived] == [{20_000_000}, {40_000_000}]
+    assert [set(arrivals) for arrivals in arrived] == [{20_000_000}, {40_000_000}]
 
 
 def test_absent_station_stays_absent_and_others_keep_their_own_stamps() -> None:
     """As in frames of a data concentrator that waits for nobody: of PMU 1 there is none, 2 measured earlier."""
-    made = alone(stages(MS), [], 1, 100)
+    link = alone(stages(MS), [], 1, 100)
     frame = np.arange(PMUS * len(CHANNELS), dtype=np.float64).reshape(PMUS, len(CHANNELS))
     measured = np.array([10 * MS, NEVER, 7 * MS], np.int64)
     frame[1] = np.nan
-    count = uplink(made, 0, 1, 10 * MS, 20 * MS, frame, measured, np.array([0, 0, 8192]))
-    out = made.up.out[0, :count]
+    count = uplink(link, 0, 1, 10 * MS, 20 * MS, frame, measured, np.array([0, 0, 8192]))
+    out = link.up.out[0, :count]
     assert out["pmu"].tolist() == [0, 2]
     assert out["measured_ns"].tolist() == [10 * MS, 7 * MS]
     assert out["status"].tolist() == [0, 8192]
     assert out["arrival_ns"].tolist() == [11 * MS, 11 * MS]
-    assert made.up.statistics[0]["sent"].tolist() == [1, 0, 1]
+    assert link.up.statistics[0]["sent"].tolist() == [1, 0, 1]
 
 
 def test_value_held_for_an_absent_station_has_the_current_stamp() -> None:
-    made = alone([Wait(wait=0.002, missing="hold", model="wait")], [], 1, 100)
+    link = alone([Wait(wait=0.002, missing="hold", model="wait")], [], 1, 100)
     frame = np.full((PMUS, len(CHANNELS)), 5.0)
-    assert uplink(made, 0, 0, 0, 10 * MS, frame, np.zeros(PMUS, np.int64), SOUND) == PMUS
+    assert uplink(link, 0, 0, 0, 10 * MS, frame, np.zeros(PMUS, np.int64), SOUND) == PMUS
     absent = np.array([10 * MS, NEVER, 10 * MS], np.int64)
-    count = uplink(made, 0, 1, 10 * MS, 20 * MS, frame + 1.0, absent, SOUND)
-    out = made.up.out[0, :count]
+    count = uplink(link, 0, 1, 10 * MS, 20 * MS, frame + 1.0, absent, SOUND)
+    out = link.up.out[0, :count]
     (held,) = out[out["pmu"] == 1]
     assert held["measured_ns"] == 10 * MS
     assert np.all(held["values"] == 5.0)

@@ -93,23 +93,23 @@ def test_frames_are_those_of_a_pmu_that_samples_three_phases(
     def angle(t: Any) -> Any:
         return phase + 2 * np.pi * off * t + swing * np.sin(w * t)
 
-    found = reported(name, lambda t: (float(magnitude(t)), float(angle(t))), 1.5)
+    reports = reported(name, lambda t: (float(magnitude(t)), float(angle(t))), 1.5)
     X, frequency, rocof = annex(name, magnitude, angle, 1.5)
-    kept = slice(15, len(found.time))  # the first windows reach back before the start, when the signal stood still
-    assert np.abs(found.phasor[kept] - X[15 : len(found.time)]).max() < 5e-4
-    assert np.abs(found.frequency[kept] - frequency[15 : len(found.time)]).max() < 5e-4 * (1 + swing * f)
-    assert np.abs(found.rocof[kept] - rocof[15 : len(found.time)]).max() < 5e-3 * (1 + swing * w * w)
+    settled = slice(15, len(reports.time))  # the first windows reach back before the start, when the signal stood still
+    assert np.abs(reports.phasor[settled] - X[15 : len(reports.time)]).max() < 5e-4
+    assert np.abs(reports.frequency[settled] - frequency[15 : len(reports.time)]).max() < 5e-4 * (1 + swing * f)
+    assert np.abs(reports.rocof[settled] - rocof[15 : len(reports.time)]).max() < 5e-3 * (1 + swing * w * w)
 
 
 @pytest.mark.parametrize(("nominal", "rate"), [(f, rate) for f, rows in M_CLASS.items() for rate in rows])
 def test_filters_weigh_one_and_are_there_when_all_samples_are(nominal: float, rate: int) -> None:
     for name in ("p_class", "m_class"):
-        made = reference_filter(Measurement(filter=name), nominal, rate)
-        assert made.weights[0] + 2 * made.weights[1:].sum() == pytest.approx(1.0, abs=1e-12)
-        assert made.per_frame * rate >= 480
-        samples = made.delay * made.per_frame
-        assert made.side + 1 <= samples < made.side + 1 + made.per_frame
-        assert made.delay <= (7 if name == "m_class" else max(2, 2 * rate / nominal))
+        filter_used = reference_filter(Measurement(filter=name), nominal, rate)
+        assert filter_used.weights[0] + 2 * filter_used.weights[1:].sum() == pytest.approx(1.0, abs=1e-12)
+        assert filter_used.per_frame * rate >= 480
+        samples = filter_used.delay * filter_used.per_frame
+        assert filter_used.side + 1 <= samples < filter_used.side + 1 + filter_used.per_frame
+        assert filter_used.delay <= (7 if name == "m_class" else max(2, 2 * rate / nominal))
 
 
 def still(measurement: dict[str, Any], ticks: int = 4000, seed: int = 0) -> tuple[Any, Any, Any]:
@@ -129,12 +129,12 @@ def still(measurement: dict[str, Any], ticks: int = 4000, seed: int = 0) -> tupl
 def test_noise_is_normal_white_and_each_station_s_own() -> None:
     noise = {"magnitude": 0.002, "angle": 0.003, "frequency": 0.004, "rocof": 0.05}
     frames, _, _ = still({"noise": noise})
-    own = frames[:, :, [VM, IM, VA, IA, FREQUENCY]]
+    values_seen = frames[:, :, [VM, IM, VA, IA, FREQUENCY]]
     wanted = np.array([1.02 * 0.002, 4.0 * 0.002, 0.003, 0.003, 0.004])
-    n = len(own)
-    assert (np.abs(own.std(axis=0) / wanted - 1.0) < 4.0 / np.sqrt(2 * n)).all()
-    assert (np.abs(own.mean(axis=0) - [1.02, 4.0, 0.5, 0.1, 60.06]) < 4.0 * wanted / np.sqrt(n)).all()
-    apart = own.reshape(n, -1)
+    n = len(values_seen)
+    assert (np.abs(values_seen.std(axis=0) / wanted - 1.0) < 4.0 / np.sqrt(2 * n)).all()
+    assert (np.abs(values_seen.mean(axis=0) - [1.02, 4.0, 0.5, 0.1, 60.06]) < 4.0 * wanted / np.sqrt(n)).all()
+    apart = values_seen.reshape(n, -1)
     apart = (apart - apart.mean(axis=0)) / apart.std(axis=0)
     pairs = apart.T @ apart / n - np.eye(apart.shape[1])
     assert np.abs(pairs).max() < 4.5 / np.sqrt(n)
@@ -254,7 +254,9 @@ def test_filter_s_gain_is_its_delay_and_little_else_at_swings() -> None:
 
     pmus = [s.name for s in case.system.pmus]
     built = build(case.system, case.run.devices, [])
-    model, exact = (linear_model(built, case.system.signals, pmus, one, RATE) for one in (case.filter, None))
+    model, exact = (
+        linear_model(built, case.system.signals, pmus, pmu_filter, RATE) for pmu_filter in (case.filter, None)
+    )
     s = 2j * np.pi * 0.65
     for i, name in enumerate(case.system.signals):
         ratio = model.response(s)[i, 0] / exact.response(s)[i, 0] * np.exp(s * 0.1)
@@ -289,9 +291,9 @@ def test_invalid_measurement_is_refused_in_one_line(sets: list[str], message: st
 
 def test_numbers_that_may_change_are_those_of_what_is_there() -> None:
     case = load_case(None, ["measurement.pmus={G1: {clock: {lost: 1.0}}}", "measurement.bad_data=[{kind: spike}]"])
-    found = numbers(case.measurement)
-    assert {"noise.angle", "clock.offset", "pmus.G1.clock.drift", "bad_data.0.size"} <= set(found)
-    assert not any(name.endswith((".start", ".lost")) for name in found)
+    by_path = numbers(case.measurement)
+    assert {"noise.angle", "clock.offset", "pmus.G1.clock.drift", "bad_data.0.size"} <= set(by_path)
+    assert not any(name.endswith((".start", ".lost")) for name in by_path)
     changed = with_number(case.measurement, "pmus.G1.clock.drift", 1e-6)
     assert changed.pmus["G1"].clock is not None
     assert changed.pmus["G1"].clock.drift == 1e-6

@@ -23,9 +23,9 @@ def adapt(
     net: Network, several: Learners, i: int, rule: Rule, error: NDArray[np.float64], curvature: NDArray[np.float64]
 ) -> None:
     """A pass and a step of adaptation of the i-th of several learners."""
-    own = several.each[i]
-    infer(net, own)
-    learn(net, own, rule, error, curvature)
+    learner = several.each[i]
+    infer(net, learner)
+    learn(net, learner, rule, error, curvature)
 
 
 class Pupil:

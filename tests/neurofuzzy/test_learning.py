@@ -65,7 +65,7 @@ def test_projection_keeps_any_history_of_learning_within_bounds(
         pupil.step(rule, error, 10.0 ** rng.uniform(-6, 6, 2))
         assert pupil.within
         p = looked(net, pupil.theta, pupil.learner.x[0])
-        assert all(np.isfinite(found).all() for found in (p.output, p.by_theta, p.by_input))
+        assert all(np.isfinite(array).all() for array in (p.output, p.by_theta, p.by_input))
 
 
 class Trouble(NamedTuple):
@@ -122,38 +122,38 @@ def test_outlier_breaks_the_raw_rule_and_not_projection(name: str) -> None:
     theta, x = initial(net, Start([0.5], [0.1], [3.0], [0.3], [1.0])), np.array([trouble.x])
     f = [slot.group for slot in slots(net)].index(trouble.group)
     error = (trouble.wanted - theta[f]) / looked(net, theta, x).by_theta[0, f]
-    raw, kept = Pupil(net, theta, x), Pupil(net, theta, x)
+    raw, projected = Pupil(net, theta, x), Pupil(net, theta, x)
     raw.step(rule(), error)
-    kept.step(rule(projection=1.0), error)
+    projected.step(rule(projection=1.0), error)
     assert raw.theta[f] == pytest.approx(trouble.wanted, rel=1e-6)
     assert not raw.within
-    assert kept.within
-    for now, sound in ((theta, True), (raw.theta, False), (kept.theta, True)):
+    assert projected.within
+    for now, sound in ((theta, True), (raw.theta, False), (projected.theta, True)):
         assert trouble.sound(lambda at, now=now: looked(net, now, np.array([at])), now) == sound  # type: ignore[misc]
 
 
 def test_too_large_a_rate_diverges_and_projection_stands() -> None:
-    raw, kept = linear([0.1, 0.2]), linear([0.1, 0.2])
+    raw, projected = linear([0.1, 0.2]), linear([0.1, 0.2])
     for _ in range(1000):
         raw.pursue(rule(5.0), 1.0)
-        kept.pursue(rule(5.0, projection=1.0), 1.0)
+        projected.pursue(rule(5.0, projection=1.0), 1.0)
     assert not np.isfinite(raw.theta).any()
-    assert kept.within
-    assert abs(kept.output[0]) <= 5 * 1.5
+    assert projected.within
+    assert abs(projected.output[0]) <= 5 * 1.5
 
 
 def test_leakage_bounds_what_a_lasting_error_makes_drift() -> None:
     """At the fixed point eta e g = leakage (f - start); without leakage f goes on, or to its bound."""
     start, eta, error, leakage, steps = [0.1, 0.2], 0.02, 0.5, 0.01, 4000
     slope = np.array([1.0, 0.5])
-    raw, leaking, kept = linear(start), linear(start), linear(start)
+    raw, leaking, projected = linear(start), linear(start), linear(start)
     for _ in range(steps):
         raw.step(rule(eta), error)
         leaking.step(rule(eta, leakage=leakage), error)
-        kept.step(rule(eta, projection=1.0), error)
+        projected.step(rule(eta, projection=1.0), error)
     np.testing.assert_allclose(raw.theta[2:], start + steps * eta * error * slope, rtol=1e-9)
     np.testing.assert_allclose(leaking.theta[2:], start + eta * error * slope / leakage, rtol=1e-9)
-    np.testing.assert_array_equal(kept.theta[2:], [5.0, 5.0])
+    np.testing.assert_array_equal(projected.theta[2:], [5.0, 5.0])
 
 
 @every_pair

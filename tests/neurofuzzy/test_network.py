@@ -162,8 +162,8 @@ def test_interpolated_spline_is_scipys() -> None:
     rng = np.random.default_rng(3)
     degrees, x = rng.uniform(0, 1, POINTS), rng.uniform(-1, 1, 100)
     curve = make_interp_spline(np.linspace(-1, 1, POINTS), degrees, k=1)
-    found = [spline(degrees, one, np.zeros(POINTS))[0] for one in x]
-    np.testing.assert_allclose(found, curve(x), rtol=0, atol=1e-14)
+    degrees_found = [spline(degrees, point, np.zeros(POINTS))[0] for point in x]
+    np.testing.assert_allclose(degrees_found, curve(x), rtol=0, atol=1e-14)
 
 
 def test_legendre_wavelets_are_orthonormal() -> None:

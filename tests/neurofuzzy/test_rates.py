@@ -66,8 +66,8 @@ def test_joint_bound_of_shared_antecedents(antecedent: str, eta: float) -> None:
     pupil, M = Pupil(net, theta, np.array([0.1, -0.05])), np.array([[1.0, 0.9], [0.5, 0.6], [0.3, 0.3]])
     gradient = looked(net, theta, pupil.learner.x[0]).by_theta
     curvature = (M**2).sum(axis=0)
-    own = eta / (curvature * (gradient**2).sum(axis=1))
-    alone = np.eye(3) - M @ gradient @ gradient.T @ np.diag(own) @ M.T
+    rates = eta / (curvature * (gradient**2).sum(axis=1))
+    alone = np.eye(3) - M @ gradient @ gradient.T @ np.diag(rates) @ M.T
     target = M @ pupil.output + 1e-7 * np.ones(3)
     sizes = []
     for _ in range(20):

@@ -75,5 +75,5 @@ def test_degrees_of_a_spline_start_as_those_of_a_gaussian(antecedent: str) -> No
     start = Start([0.5], [0.5, 0.9], [1.0, 0.6], [0.0, 0.0], [1.0, 1.0])
     nets = [network(kind, "singleton", 2, 2, 1) for kind in (antecedent, "gaussian")]
     for point in np.linspace(-1, 1, POINTS):
-        found, expected = (looked(net, initial(net, start), np.full(2, point)).mu for net in nets)
-        np.testing.assert_allclose(found, np.maximum(expected, 0.01), rtol=1e-12)
+        degrees, expected = (looked(net, initial(net, start), np.full(2, point)).mu for net in nets)
+        np.testing.assert_allclose(degrees, np.maximum(expected, 0.01), rtol=1e-12)

@@ -26,17 +26,17 @@ def copy(recording: Path, out: Path, storage: str, late: int = 0, end: int | Non
     It has neither run nor versions.
     """
     with AnyReader([recording]) as reader, Writer(out, version=9, storage_plugin=STORAGES[storage]) as writer:
-        made = {
-            one.id: writer.add_connection(
-                one.topic,
-                one.msgtype,
+        connections = {
+            link.id: writer.add_connection(
+                link.topic,
+                link.msgtype,
                 typestore=reader.typestore,
-                offered_qos_profiles=one.ext.offered_qos_profiles,  # type: ignore[union-attr]
+                offered_qos_profiles=link.ext.offered_qos_profiles,  # type: ignore[union-attr]
             )
-            for one in reader.connections
+            for link in reader.connections
         }
         for connection, log_ns, data in islice(reader.messages(), late, end):
-            writer.write(made[connection.id], log_ns, data)
+            writer.write(connections[connection.id], log_ns, data)
     return out
 
 
@@ -49,11 +49,11 @@ def in_chunks(recording: Path, out: Path, sizes: Iterable[int]) -> list[list[tup
     content = scan(recording)
     ordered = []
     for place, topic in enumerate(content.topics.values()):
-        own = [one for one in content.messages if one.topic == topic.name]
-        for block in decode(topic, [one.data for one in own], []):
+        of_topic = [raw_message for raw_message in content.messages if raw_message.topic == topic.name]
+        for block in decode(topic, [raw_message.data for raw_message in of_topic], []):
             ticks = getattr(block.message, "tick", np.full(len(block.rows), -1)).tolist()
-            ordered += [(tick, place, row, own[row]) for tick, row in zip(ticks, block.rows.tolist(), strict=True)]
-    ordered.sort(key=lambda one: one[:3])
+            ordered += [(tick, place, row, of_topic[row]) for tick, row in zip(ticks, block.rows.tolist(), strict=True)]
+    ordered.sort(key=lambda entry: entry[:3])
     without_tick = sum(tick < 0 for tick, _, _, _ in ordered)
     chunks, received = [], iter(enumerate(ordered))
     with RecordingWriter(out, content.configuration, content.versions) as writer:

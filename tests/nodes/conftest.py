@@ -30,16 +30,16 @@ __all__ = ["loopback"]  # a fixture
 @pytest.fixture
 def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """The processes that a graph starts, by name; on the loopback the plant reports every few ticks."""
-    found: dict[str, Any] = {}
+    by_name: dict[str, Any] = {}
     original = processes.start
 
     def spy(name: str, *arguments: Any) -> Any:
-        found[name] = original(name, *arguments)
-        return found[name]
+        by_name[name] = original(name, *arguments)
+        return by_name[name]
 
     monkeypatch.setattr(processes, "start", spy)
     monkeypatch.setattr(frame_source, "PROGRESS_S", 0.02)
-    return found
+    return by_name
 
 
 @dataclass
@@ -100,10 +100,13 @@ def start(domain: int) -> Iterator[Callable[..., Started]]:
         running: list[Started] = []
 
         def start_one(executable: str, *options: str, cold: bool = False, **parameters: Any) -> Started:
-            arguments, given = [*processes.QUIET, *options], {"progress": True, "mode": "lockstep"} | parameters
+            arguments, node_parameters = (
+                [*processes.QUIET, *options],
+                {"progress": True, "mode": "lockstep"} | parameters,
+            )
             if executable in ("live_view", "cockpit", "c37118_server"):
-                del given["mode"]
-            for name, value in given.items():
+                del node_parameters["mode"]
+            for name, value in node_parameters.items():
                 arguments += ["-p", f"{name}:={value}"]
             output, errors = (opened.enter_context(NamedTemporaryFile("w")) for _ in range(2))
             if cold:

@@ -103,11 +103,11 @@ def ticks(plant: Any) -> int:
 
 def payloads(folder: Path, until_ns: int | None = None, name: str = "recording") -> dict[str, list[bytes]]:
     """Messages of the recording `folder / name`, by topic."""
-    found: dict[str, list[bytes]] = {}
+    by_topic: dict[str, list[bytes]] = {}
     with next((folder / name).glob("*.mcap")).open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages(ending_before=until_ns, log_time_order=False):
-            found.setdefault(channel.topic, []).append(message.data)
-    return found
+            by_topic.setdefault(channel.topic, []).append(message.data)
+    return by_topic
 
 
 def assert_kept_apart(sets: list[str], folder: Path) -> None:
@@ -168,7 +168,7 @@ def wait_until_recording(folder: Path, size: int = 100_000) -> None:
 
 
 def nodes_left(folder: Path) -> list[str]:
-    found = []
+    commands = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
@@ -176,8 +176,8 @@ def nodes_left(folder: Path) -> list[str]:
             except OSError:
                 continue
             if command.startswith(("facts_damping.", "facts_damping_")) and str(folder) in command:
-                found.append(command)
-    return found
+                commands.append(command)
+    return commands
 
 
 def assert_named(

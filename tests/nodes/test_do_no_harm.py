@@ -64,8 +64,8 @@ class Attacker:
 
     def missing(self) -> list[str]:
         """Topics whose publisher here some subscribers have not found."""
-        found = {topic: publisher.get_subscription_count() for topic, publisher in self.publishers.items()}
-        return [topic for topic, count in found.items() if count <= len(LATEST.get(topic, ()))]
+        counts = {topic: publisher.get_subscription_count() for topic, publisher in self.publishers.items()}
+        return [topic for topic, count in counts.items() if count <= len(LATEST.get(topic, ()))]
 
     def publish(self, topic: str, data: bytes) -> None:
         self.publishers[topic].publish(data)
@@ -192,13 +192,15 @@ def test_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: Pa
         def flood(done: int, _of: int) -> None:
             if done < case.run.frame_rate or attackers:
                 return
-            one = Attacker(node, case)
-            attackers.append(one)
-            wait_until(lambda: not one.missing())
-            odd = [one.hostile() for _ in range(100)] + [(topic, make(done)) for topic, make in one.forged] * 10
+            attacker = Attacker(node, case)
+            attackers.append(attacker)
+            wait_until(lambda: not attacker.missing())
+            odd = [attacker.hostile() for _ in range(100)] + [
+                (topic, make(done)) for topic, make in attacker.forged
+            ] * 10
             for topic, data in itertools.islice(itertools.cycle(odd), FLOOD):
                 with suppress(rclpy_implementation.RCLError):  # too many at once
-                    one.publish(topic, data)
+                    attacker.publish(topic, data)
 
         outcome = graph.run(case, "realtime", tmp_path, flood, LOADED_S)
     record, computed, sent = load(outcome.recording), loop.run(case), attackers[0].sent.total()

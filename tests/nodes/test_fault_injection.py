@@ -72,6 +72,6 @@ def test_graph_ends_when_it_is_not_wanted_any_more(
 
 def test_graphs_have_ros_domains_of_their_own() -> None:
     with ExitStack() as reserved:
-        found = [reserved.enter_context(fault_injection.own_domain()) for _ in range(2)]
-        assert len(set(found)) == 2
-        assert set(found) <= set(fault_injection.DOMAINS)
+        domains = [reserved.enter_context(fault_injection.own_domain()) for _ in range(2)]
+        assert len(set(domains)) == 2
+        assert set(domains) <= set(fault_injection.DOMAINS)

@@ -82,9 +82,9 @@ def test_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     assert 5 * part * RATE <= first
     assert last == round(WHOLE_S * RATE) - 1
     assert record.ticks.tolist() == list(range(first, last + 1))  # frames without a gap
-    kinds = sorted((one.role, one.kind) for one in record.changes)
+    kinds = sorted((change.role, change.kind) for change in record.changes)
     assert kinds == [*[("controller", "start")] * 2, *[("link", "start")] * 2, ("plant", "rearm")]
-    joined = [one.tick / RATE for one in record.changes if one.role == "controller"]
+    joined = [change.tick / RATE for change in record.changes if change.role == "controller"]
     assert first / RATE < joined[0]
     reference = record.devices["reference"][:, 0]
     assert np.all(reference[record.time_s < joined[0]] == 0.0)

@@ -51,8 +51,8 @@ def compiled() -> None:
 
 @pytest.fixture
 def listener(domain: int) -> Iterator[tuple[Any, Any]]:
-    with somebody("listener") as found:
-        yield found
+    with somebody("listener") as node_and_executor:
+        yield node_and_executor
 
 
 @pytest.fixture
@@ -78,9 +78,9 @@ def receiver(node: Any, executor: Any) -> Callable[..., list[Any]]:
 
 def on_loopback(loopback: Any, names: Iterable[str], **parameters: Any) -> dict[str, Any]:
     """Nodes by name, started on the loopback."""
-    given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+    words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
     mains = {name: importlib.import_module(executables.module_of(name)).main for name in names}
-    return {name: loopback.start(name, main, ["--ros-args", *given]) for name, main in mains.items()}
+    return {name: loopback.start(name, main, ["--ros-args", *words]) for name, main in mains.items()}
 
 
 def run(executable: str, *arguments: str, cold: bool = True) -> subprocess.CompletedProcess[str]:
@@ -106,8 +106,8 @@ def test_help_says_what_it_does_its_parameters_and_an_example(executable: str, d
 
 
 def identifies(executable: str) -> list[str]:
-    own = {"identifier": INDIRECT, "supervisor": ["supervision=standard"]}.get(executable)
-    return ["--ros-args", "-p", f"set:={own}"] if own else []
+    run_sets = {"identifier": INDIRECT, "supervisor": ["supervision=standard"]}.get(executable)
+    return ["--ros-args", "-p", f"set:={run_sets}"] if run_sets else []
 
 
 @pytest.mark.parametrize(
@@ -143,17 +143,21 @@ def test_parameters_of_a_node_are_dumped_and_load_into_another(start: Any, clien
     names = client(ListParameters, "/controller/list_parameters", ListParameters.Request()).result.names
     values = client(GetParameters, "/controller/get_parameters", GetParameters.Request(names=names)).values
     assert all(value.type != ParameterType.PARAMETER_NOT_SET for value in values)
-    kept: dict[str, Any] = {n: parameter_value_to_python(v) for n, v in zip(names, values, strict=True)}
-    assert kept["gain"] == 7.5
-    assert kept["set"] == [""]
-    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in kept.items()}
+    dumped: dict[str, Any] = {n: parameter_value_to_python(v) for n, v in zip(names, values, strict=True)}
+    assert dumped["gain"] == 7.5
+    assert dumped["set"] == [""]
+    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in dumped.items()}
     file = tmp_path / "dumped.yaml"
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": plain}}))
     start("controller", "-r", "__node:=second", "--params-file", str(file), mode="free")
     answers = client(GetParameters, "/second/get_parameters", GetParameters.Request(names=["gain"])).values
     assert answers[0].double_value == 7.5
     described = client(DescribeParameters, "/second/describe_parameters", DescribeParameters.Request(names=names))
-    live = [one.name for one in described.descriptors if not one.read_only and one.name != "use_sim_time"]
+    live = [
+        descriptor.name
+        for descriptor in described.descriptors
+        if not descriptor.read_only and descriptor.name != "use_sim_time"
+    ]
     assert "gain" in live
     parameters = [Parameter(name=name, value=value) for name, value in zip(names, values, strict=True) if name in live]
     request = SetParameters.Request(parameters=parameters)
@@ -181,10 +185,10 @@ def test_logs_go_to_rosout_and_only_the_supervisor_gets_lines(start: Any, receiv
     common = {"progress": "false", "set": str(IDLE), "start_timeout": PATIENCE_S}
     nodes = {name: start(name, **common) for name in ("plant_sim", "wan_link")}
 
-    def found(_logs: list[Any]) -> bool:
-        return set(nodes) <= {one.node_name for one in listener[0].get_publishers_info_by_topic("/rosout")}
+    def all_found(_logs: list[Any]) -> bool:
+        return set(nodes) <= {endpoint.node_name for endpoint in listener[0].get_publishers_info_by_topic("/rosout")}
 
-    receive(Log, "/rosout", found)
+    receive(Log, "/rosout", all_found)
     controller = start("controller", **common)
     receive(Log, "/rosout", errors)
     for node in (*nodes.values(), controller):
@@ -240,12 +244,14 @@ def test_nodes_publish_their_diagnostics(loopback: Any) -> None:
 
     with somebody("listener") as listener:
         receive = receiver(*listener)
-        messages = receive(DiagnosticArray, "/diagnostics", lambda found: set(newest(found)) >= names)
+        messages = receive(DiagnosticArray, "/diagnostics", lambda message: set(newest(message)) >= names)
         assert {newest(messages)[name].hardware_id for name in names} == {"two_area", "wan_link", "sssc"}
         os.kill(nodes["controller"].pid, signal.SIGTERM)
         receive(DiagnosticArray, "/diagnostics", warned)
         os.kill(nodes["plant_sim"].pid, signal.SIGTERM)
-        receive(DiagnosticArray, "/diagnostics", lambda found: "nothing has come" in newest(found)["wan_link"].message)
+        receive(
+            DiagnosticArray, "/diagnostics", lambda message: "nothing has come" in newest(message)["wan_link"].message
+        )
 
 
 def test_plant_alone_publishes_soon(start: Any, receive: Any) -> None:
@@ -330,14 +336,16 @@ def test_nodes_started_by_hand_end_when_the_plant_is_terminated(capsys: Any, loo
 
 
 def test_installed_executables_start_their_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
-    found: list[str] = []
-    monkeypatch.setattr(executables, "_start", lambda module, **_: found.append(module))
-    installed = [one for one in entry_points(group="console_scripts") if one.name in NODES]
-    for one in installed:
-        one.load()()
-        assert found[-1] == executables.module_of(one.name)
-        assert (BIN / one.name).exists()
-    assert {one.name for one in installed} == set(NODES)
+    modules: list[str] = []
+    monkeypatch.setattr(executables, "_start", lambda module, **_: modules.append(module))
+    installed = [
+        installed_point for installed_point in entry_points(group="console_scripts") if installed_point.name in NODES
+    ]
+    for point in installed:
+        point.load()()
+        assert modules[-1] == executables.module_of(point.name)
+        assert (BIN / point.name).exists()
+    assert {installed_point.name for installed_point in installed} == set(NODES)
 
 
 def test_interface_fields_have_their_meaning_on_the_same_line() -> None:

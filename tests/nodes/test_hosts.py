@@ -39,13 +39,15 @@ def permitted() -> bool:
         f"-n {probe} link add hub type bridge",
         f"-n {probe} link add one type veth peer name other",
     )
-    made = [subprocess.run(["ip", *one.split()], capture_output=True, check=False).returncode for one in tried]
+    statuses = [
+        subprocess.run(["ip", *command.split()], capture_output=True, check=False).returncode for command in tried
+    ]
     subprocess.run(["ip", "netns", "delete", probe], capture_output=True, check=False)
     try:
         os.close(interface(probe))
     except OSError:
         return False
-    return not any(made)
+    return not any(statuses)
 
 
 pytestmark = pytest.mark.skipif(not permitted(), reason="needs root, iproute2, network namespaces and /dev/net/tun")

@@ -19,34 +19,34 @@ def gathering(mode: str) -> tuple[InputCollector, list[tuple[int, dict[str, Any]
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_tick_is_over_when_all_have_spoken(mode: str) -> None:
-    one, done = gathering(mode)
-    one.store("a")(0, "a0")
-    one.frames(0, "f0")
+    collector, done = gathering(mode)
+    collector.store("a")(0, "a0")
+    collector.frames(0, "f0")
     assert done == []
-    one.store("b")(0, "b0")
+    collector.store("b")(0, "b0")
     assert done == [(0, {"frames": "f0", "a": ["a0"], "b": ["b0"]})]
 
 
 def test_in_lockstep_who_is_silent_is_waited_for() -> None:
-    one, done = gathering("lockstep")
+    collector, done = gathering("lockstep")
     for tick in range(3 * AWAITED):
-        one.frames(tick, "")
-        one.store("a")(tick, "")
+        collector.frames(tick, "")
+        collector.store("a")(tick, "")
     assert done == []
 
 
 def test_by_the_clock_who_is_silent_is_waited_for_a_few_ticks_and_again_once_it_speaks() -> None:
-    one, done = gathering("realtime")
+    collector, done = gathering("realtime")
     for tick in range(10):
-        one.frames(tick, "")
-        one.store("a")(tick, "")
+        collector.frames(tick, "")
+        collector.store("a")(tick, "")
         if tick == 0:
-            one.store("b")(0, "")
+            collector.store("b")(0, "")
         late = 0 < tick <= AWAITED  # over when the next frames come
         assert [at for at, _ in done] == list(range(tick + 1 - late))
-    one.store("b")(9, "b9")
-    one.frames(10, "")
-    one.store("a")(10, "")
+    collector.store("b")(9, "b9")
+    collector.frames(10, "")
+    collector.store("a")(10, "")
     assert done[-1][0] == 9
-    one.store("b")(10, "b10")
+    collector.store("b")(10, "b10")
     assert done[-1] == (10, {"frames": "", "a": [""], "b": ["b9", "b10"]})

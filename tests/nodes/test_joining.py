@@ -107,17 +107,17 @@ def test_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, client
     identifier = run.add("identifier", join="true", save=weights)
     run.add("plant_sim")
     run.run_until(RATE)
-    for one in (link, identifier):
-        one.stop()
+    for other_node in (link, identifier):
+        other_node.stop()
     learnt = read_table(weights)["identifier"]
     successors = [run.add("identifier", join="true", save=weights, resume="true"), run.add("wan_link", join="true")]
-    for one in successors:
-        one.wait(lambda one=one: "joined at" in one.texts()[0], PATIENCE_S)
+    for successor in successors:
+        successor.wait(lambda started=successor: "joined at" in started.texts()[0], PATIENCE_S)
     run.run_until(ticks(run.nodes["plant_sim"]) + RATE)
     for name in ("wan_link", "identifier"):
         assert client(Trigger, f"/{name}/arm", Trigger.Request()).success
-    for one in successors:
-        one.wait(lambda one=one: "armed at" in one.texts()[0], PATIENCE_S)
+    for successor in successors:
+        successor.wait(lambda started=successor: "armed at" in started.texts()[0], PATIENCE_S)
     assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
     record = run.finish()
     summary: Any = summarise(record)
@@ -133,16 +133,16 @@ def test_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, client
 
 
 @pytest.mark.parametrize(
-    ("executable", "given", "expected"),
+    ("executable", "parameters", "expected"),
     [
         ("controller", {"join": "true"}, "controller: join: true given; allowed: with mode free, realtime"),
         ("controller", {"resume": "true"}, "controller: resume: true given; allowed: with save"),
     ],
 )
 def test_joining_in_lockstep_and_resuming_without_save_are_refused(
-    loopback: Any, start: Any, executable: str, given: dict[str, str], expected: str
+    loopback: Any, start: Any, executable: str, parameters: dict[str, str], expected: str
 ) -> None:
-    node = start(executable, **given)
+    node = start(executable, **parameters)
     assert node.communicate(timeout=PATIENCE_S) == ("", f"{expected}\n")
     assert node.returncode == 2
 

@@ -40,8 +40,8 @@ ENDS = [{node: int(tick)} for node in ("plant_sim", "recorder") for tick in RAND
 def middleware_files(domain: int) -> set[str]:
     """Shared memory of Fast DDS in a ROS domain, by the ports that it is named after (RTPS 2.5, 9.6.1.1)."""
     ports = range(7400 + 250 * domain, 7400 + 250 * (domain + 1))
-    found = ((path.name, re.search(r"fast\w*_port(\d+)", path.name)) for path in Path("/dev/shm").iterdir())
-    return {name for name, port in found if port is not None and int(port[1]) in ports}
+    ports_found = ((path.name, re.search(r"fast\w*_port(\d+)", path.name)) for path in Path("/dev/shm").iterdir())
+    return {name for name, port in ports_found if port is not None and int(port[1]) in ports}
 
 
 @pytest.mark.parametrize("ticks", [*GOES_ON, *ENDS])

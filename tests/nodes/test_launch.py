@@ -29,8 +29,8 @@ FOLDER = Path(__file__).parents[2] / "launch"
 class Asked:
     """Stand-in for any class of `launch`: keeps its arguments."""
 
-    def __init__(self, *given: Any, **named: Any) -> None:
-        self.given, self.named = given, named
+    def __init__(self, *positional: Any, **named: Any) -> None:
+        self.given, self.named = positional, named
 
     def perform(self, context: dict[str, str]) -> str:
         """A `LaunchConfiguration`'s value."""
@@ -79,9 +79,9 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
 
 
 def nodes(actions: list[Any]) -> list[SimpleNamespace]:
-    found = [action for action in actions if type(action).__name__ == "Node"]
-    assert {node.named["package"] for node in found} == {"facts_damping"}
-    return [SimpleNamespace(**{**node.named, "parameters": node.named["parameters"][0]}) for node in found]
+    actions_of_nodes = [action for action in actions if type(action).__name__ == "Node"]
+    assert {node.named["package"] for node in actions_of_nodes} == {"facts_damping"}
+    return [SimpleNamespace(**{**node.named, "parameters": node.named["parameters"][0]}) for node in actions_of_nodes]
 
 
 def places(actions: list[Any]) -> set[tuple[str, str, str, int | None]]:
@@ -104,9 +104,9 @@ def test_decentralised_starts_a_link_and_a_controller_in_each_namespace(launched
 
 
 def test_centralised_starts_one_link(launched: Any) -> None:
-    found = places(launched("run.launch.py", run="two_area_centralised"))
-    assert found >= ALWAYS | {("wan_link", "", "wan_link", 0)}
-    others = found - ALWAYS - {("wan_link", "", "wan_link", 0)}
+    started = places(launched("run.launch.py", run="two_area_centralised"))
+    assert started >= ALWAYS | {("wan_link", "", "wan_link", 0)}
+    others = started - ALWAYS - {("wan_link", "", "wan_link", 0)}
     assert {executable for executable, *_ in others} <= {"controller", "identifier"}
     assert {namespace for _, namespace, *_ in others} == {""}
 
@@ -116,14 +116,14 @@ def test_in_order_all_are_configured_and_the_plant_is_activated_last(launched: A
     managed = [action for action in actions if type(action).__name__ == "LifecycleNode"]
     assert not any(node.named["parameters"][0]["autostart"] for node in managed)
     asked = [action.named["event"].named for action in actions if type(action).__name__ == "EmitEvent"]
-    assert [one["transition_id"] for one in asked] == [Transition.TRANSITION_CONFIGURE] * len(managed)
+    assert [change["transition_id"] for change in asked] == [Transition.TRANSITION_CONFIGURE] * len(managed)
     handlers = [a.given[0].named for a in actions if type(a).__name__ == "RegisterEventHandler"]
-    order = [one["target_lifecycle_node"] for one in handlers if one.get("goal_state") == "active"]
+    order = [handler["target_lifecycle_node"] for handler in handlers if handler.get("goal_state") == "active"]
     assert len(order) == len(managed)
     assert order[-1].named["executable"] == "plant_sim"
-    following = [one["entities"] for one in handlers if one.get("goal_state") == "active"]
+    following = [handler["entities"] for handler in handlers if handler.get("goal_state") == "active"]
     for then, node in zip(following, [*order[1:], None], strict=True):
-        matchers = [one.named["event"].named["lifecycle_node_matcher"] for one in then]
+        matchers = [event.named["event"].named["lifecycle_node_matcher"] for event in then]
         assert [matcher(node) for matcher in matchers] == [True] * (node is not None)
     with pytest.raises(InputError, match="respawn:=true given with lifecycle:=true"):
         launched("run.launch.py", mode="realtime", lifecycle="true", respawn="true")
@@ -145,16 +145,16 @@ def test_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: Any
 
 def test_node_of_ones_own_is_started_by_its_command_or_not_at_all(launched: Any, tmp_path: Path) -> None:
     path = tmp_path / "run.yaml"
-    own = "name: mine, link: delay_100ms, namespace: here, parameters: {gain: 3}"
-    path.write_text(f"controllers: [{{{own}, command: [my_node, -v]}}]")
+    row = "name: mine, link: delay_100ms, namespace: here, parameters: {gain: 3}"
+    path.write_text(f"controllers: [{{{row}, command: [my_node, -v]}}]")
     actions = launched("run.launch.py", run=str(path), namespace="grid")
     (started,) = [action.named["cmd"] for action in actions if type(action).__name__ == "ExecuteProcess"]
     assert started[:3] == ["my_node", "-v", "--ros-args"]
-    given = set(zip(started[3::2], started[4::2], strict=True))
+    arguments = set(zip(started[3::2], started[4::2], strict=True))
     names = {"__node:=controller_0_mine", "__ns:=/grid/here", "pmu/delivered:=/grid/here/pmu/delivered"}
-    assert given == {*(("-r", name) for name in names), ("-p", "gain:=3.0")}
+    assert arguments == {*(("-r", name) for name in names), ("-p", "gain:=3.0")}
     assert "controller" not in {executable for executable, *_ in places(actions)}
-    path.write_text(f"controllers: [{{{own}, external: true}}]")
+    path.write_text(f"controllers: [{{{row}, external: true}}]")
     actions = launched("run.launch.py", run=str(path))
     assert not any(type(action).__name__ == "ExecuteProcess" for action in actions)
     assert "controller" not in {executable for executable, *_ in places(actions)}
@@ -171,10 +171,10 @@ def test_nodes_that_may_join_are_started_again_where_that_is_wanted(launched: An
 
 
 def test_streams_stand_in_for_the_plant_where_they_are_given(launched: Any) -> None:
-    made = nodes(launched("run.launch.py", mode="realtime", streams="tcp://127.0.0.1:4712/1"))
-    (client,) = (node for node in made if node.executable == "c37118_client")
+    started = nodes(launched("run.launch.py", mode="realtime", streams="tcp://127.0.0.1:4712/1"))
+    (client,) = (node for node in started if node.executable == "c37118_client")
     assert client.parameters["streams"] == "tcp://127.0.0.1:4712/1"
-    assert "plant_sim" not in {node.executable for node in made}
+    assert "plant_sim" not in {node.executable for node in started}
 
 
 def handlers(actions: list[Any]) -> list[Any]:
@@ -182,14 +182,14 @@ def handlers(actions: list[Any]) -> list[Any]:
 
 
 def test_end_of_the_plant_is_the_end_of_the_launch(launched: Any) -> None:
-    ends = [one for one in handlers(launched("run.launch.py")) if isinstance(one["on_exit"], list)]
-    assert [one["target_action"].named["name"] for one in ends] == ["plant_sim"]
+    ends = [handler for handler in handlers(launched("run.launch.py")) if isinstance(handler["on_exit"], list)]
+    assert [handler["target_action"].named["name"] for handler in ends] == ["plant_sim"]
     assert [type(action).__name__ for action in ends[0]["on_exit"]] == ["Shutdown"]
 
 
 def test_node_that_fails_has_the_launch_fail(launched: Any) -> None:
-    watched = [one for one in handlers(launched("run.launch.py")) if not isinstance(one["on_exit"], list)]
-    assert {one["target_action"].named["executable"] for one in watched} == {
+    watched = [handler for handler in handlers(launched("run.launch.py")) if not isinstance(handler["on_exit"], list)]
+    assert {handler["target_action"].named["executable"] for handler in watched} == {
         *("plant_sim", "wan_link", "controller", "recorder")
     }
     ended = watched[0]["on_exit"]
@@ -200,27 +200,27 @@ def test_node_that_fails_has_the_launch_fail(launched: Any) -> None:
     ended(died, over)
     ended(done, running)
     again = handlers(launched("run.launch.py", mode="free", respawn="true"))
-    assert {one["target_action"].named["executable"] for one in again} == {"plant_sim", "recorder"}
+    assert {handler["target_action"].named["executable"] for handler in again} == {"plant_sim", "recorder"}
 
 
 def test_arguments_change_the_run_of_all_nodes(launched: Any, tmp_path: Path) -> None:
     file = tmp_path / "parameters.yaml"
-    given = {"set": "[controllers.0.name=HBsWC, seed=3]", "link": "pdci", "duration": "5", "params_file": str(file)}
-    started = launched("run.launch.py", namespace="/lab", foxglove="8765", cockpit="8766", output="none", **given)
-    found = nodes(started)
+    arguments = {"set": "[controllers.0.name=HBsWC, seed=3]", "link": "pdci", "duration": "5", "params_file": str(file)}
+    started = launched("run.launch.py", namespace="/lab", foxglove="8765", cockpit="8766", output="none", **arguments)
+    node_actions = nodes(started)
     kinds = {"plant_sim", "wan_link", "controller", "identifier", "live_view", "cockpit"}
-    assert {node.executable for node in found} == kinds
-    for node in found:
+    assert {node.executable for node in node_actions} == kinds
+    for node in node_actions:
         assert node.namespace == "lab"
         assert node.parameters["set"] == ["link=pdci", "duration=5", "controllers.0.name=HBsWC", "seed=3"]
     named = [action.named for action in started if type(action).__name__ == "Node"]
-    assert [one["parameters"][-1] for one in named if len(one["parameters"]) > 1] == [str(file)] * 4
-    assert {one["output"] for one in named} == {"screen"}  # there the cockpit has its address
+    assert [keywords["parameters"][-1] for keywords in named if len(keywords["parameters"]) > 1] == [str(file)] * 4
+    assert {keywords["output"] for keywords in named} == {"screen"}  # there the cockpit has its address
     assert nodes(launched("run.launch.py", set="seed=3"))[0].parameters["set"] == ["seed=3"]
 
 
 def test_recording_has_a_folder_of_its_own(launched: Any) -> None:
-    (recorder,) = (one for one in nodes(launched("run.launch.py")) if one.executable == "recorder")
+    (recorder,) = (node for node in nodes(launched("run.launch.py")) if node.executable == "recorder")
     assert re.fullmatch(r"recording_\d{8}_\d{6}", recorder.parameters["output"])
 
 

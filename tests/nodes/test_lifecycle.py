@@ -93,7 +93,7 @@ def test_plant_s_inactive_state_is_the_paused_run(
     for name in NODES[:-1]:
         running[name].stop()
     record = load(tmp_path / "bag")
-    assert [one.kind for one in record.changes] == ["pause", "resume"]
+    assert [run_change.kind for run_change in record.changes] == ["pause", "resume"]
     assert_same(record, rerun(load_case(None, ["scenario=large", "duration=10"]), record.changes))
 
 
@@ -113,8 +113,12 @@ def test_inactive_controller_takes_part_and_has_no_effect(
     assert change("controller", "deactivate")
     run.run_until(5 * RATE)
     record = run.finish()
-    assert [one.kind for one in record.changes if one.role == "controller"] == ["disarm", "arm", "disarm"]
-    first, armed, disarmed = (one.tick for one in record.changes if one.role == "controller")
+    assert [run_change.kind for run_change in record.changes if run_change.role == "controller"] == [
+        "disarm",
+        "arm",
+        "disarm",
+    ]
+    first, armed, disarmed = (run_change.tick for run_change in record.changes if run_change.role == "controller")
     assert first == 0
     assert np.all((record.issued["tick"] >= armed) & (record.issued["tick"] < disarmed))
     assert len(record.issued) > RATE

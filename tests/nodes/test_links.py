@@ -131,13 +131,13 @@ def test_graph_with_own_links_is_the_in_process_run_bit_for_bit(tmp_path: Path, 
 )
 def test_graph_with_any_links_is_the_in_process_run_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory,
-    one: dict[str, Any],
+    first: dict[str, Any],
     other: dict[str, Any],
     scheme: dict[str, Any],
     compensation: str,
     seed: int,
 ) -> None:
-    seeded = [f"link={json.dumps(one)}", f"seed={seed}", "duration=2"]
+    seeded = [f"link={json.dumps(first)}", f"seed={seed}", "duration=2"]
     case = load_case(None, sets(scheme, {"signals": ["w13"], "compensation": compensation, "link": other}, *seeded))
     as_in_process(tmp_path_factory.mktemp("graph"), case)
 
@@ -158,10 +158,10 @@ def test_topics_stand_in_the_controllers_namespaces(tmp_path: Path) -> None:
     graph.run(load_case(None, [*APART, "duration=1.1"]), "lockstep", tmp_path, quiet, LOADED_S)
     assert set(payloads(tmp_path)) == {
         *(f"/{name}" for name in ("pmu/frames", "plant/state", "plant/events", "diagnostics", "run/state")),
-        *(f"/{one}/{name}" for one in (TIE, SUBSTATION) for name in ("setpoints", "state")),
+        *(f"/{namespace}/{name}" for namespace in (TIE, SUBSTATION) for name in ("setpoints", "state")),
         *(
-            f"/{one}/{name}"
-            for one in ("tie", "substation")
+            f"/{namespace}/{name}"
+            for namespace in ("tie", "substation")
             for name in ("pmu/delivered", "setpoints/delivered", "link/statistics")
         ),
     }

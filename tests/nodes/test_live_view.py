@@ -106,17 +106,17 @@ class Client:
 @pytest.fixture
 def client(port: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Client]:
     """A client that graphs wait for once their view serves."""
-    made, serving = Client(port), starting.wait_for_view
+    created, serving = Client(port), starting.wait_for_view
 
     def serving_client(view: Process) -> None:
         serving(view)
-        made.wait()
+        created.wait()
 
     monkeypatch.setattr(starting, "wait_for_view", serving_client)
-    yield made
-    if made.connection is not None:
-        made.connection.close()
-    made.thread.join(PATIENCE_S)
+    yield created
+    if created.connection is not None:
+        created.connection.close()
+    created.thread.join(PATIENCE_S)
 
 
 def recorded_channels(folder: Path) -> dict[str, tuple[str, str, str]]:
@@ -125,8 +125,8 @@ def recorded_channels(folder: Path) -> dict[str, tuple[str, str, str]]:
         summary = make_reader(stream).get_summary()
     assert summary is not None
     schemas = summary.schemas
-    found = {one.topic: schemas[one.schema_id] for one in summary.channels.values()}
-    return {topic: (schema.name, schema.encoding, schema.data.decode()) for topic, schema in found.items()}
+    by_topic = {channel.topic: schemas[channel.schema_id] for channel in summary.channels.values()}
+    return {topic: (schema.name, schema.encoding, schema.data.decode()) for topic, schema in by_topic.items()}
 
 
 def stamp(cdr: bytes) -> int:
@@ -147,20 +147,22 @@ def test_client_gets_what_is_recorded_and_the_recording_keeps_its_bits(
     fields = ("schemaName", "schemaEncoding", "schema")
     advertised = {row["topic"]: tuple(row[name] for name in fields) for row in client.channels.values()}
     assert advertised == recorded_channels(tmp_path)
-    assert {one["encoding"] for one in client.channels.values()} == {"cdr"}
+    assert {channel["encoding"] for channel in client.channels.values()} == {"cdr"}
     assert "time" in client.info["capabilities"]
     # Of what the recorder says itself it gets bytes without the padding at the end.
-    recorded = {topic: [one.rstrip(b"\0") for one in messages] for topic, messages in payloads(tmp_path).items()}
+    recorded = {
+        topic: [message.rstrip(b"\0") for message in messages] for topic, messages in payloads(tmp_path).items()
+    }
     assert set(client.messages) == set(recorded)
     for topic, messages in client.messages.items():
-        assert [log_time for log_time, _ in messages] == [stamp(one) for _, one in messages], topic
+        assert [log_time for log_time, _ in messages] == [stamp(message) for _, message in messages], topic
         # In real time the answer to the last tick may come when the recorder has ended.
         last = max(map(stamp, recorded[topic]))
-        data = [one.rstrip(b"\0") for log_time, one in messages if log_time <= last]
+        data = [message.rstrip(b"\0") for log_time, message in messages if log_time <= last]
         # Best effort: it may have missed the first ones, when it was not connected yet, and any later one.
         assert len(data) >= 0.5 * len(recorded[topic]), topic
         assert set(data) <= set(recorded[topic]), topic
-        places = [recorded[topic].index(one) for one in data]
+        places = [recorded[topic].index(message) for message in data]
         if topic != "/diagnostics":  # of several nodes, whose messages meet in any order
             assert places == sorted(set(places)), topic
     stamps = [log_time for log_time, _ in client.messages["/plant/state"]]
@@ -182,8 +184,8 @@ def test_neither_client_nor_view_holds_anybody_up(
             if not stalled:
                 address = f"ws://127.0.0.1:{port}"
                 wanted = [{"id": i, "channelId": i} for i in range(1, 20)]
-                one = connect(address, subprotocols=[PROTOCOL], max_queue=1, close_timeout=0.1)
-                stalled.append(opened.enter_context(one))
+                connection = connect(address, subprotocols=[PROTOCOL], max_queue=1, close_timeout=0.1)
+                stalled.append(opened.enter_context(connection))
                 stalled[0].send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
             if done > 0.8 * of and client.messages:
                 started["live_view"].process.kill()
@@ -198,10 +200,10 @@ def test_neither_client_nor_view_holds_anybody_up(
 
 
 def test_port_that_is_taken_is_named(domain: int, tmp_path: Path) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
+    with socket.socket() as bound:
+        bound.bind(("127.0.0.1", 0))
+        bound.listen()
+        port = bound.getsockname()[1]
         text = rf"live_view: host, port: 127.0.0.1, {port} given.*allowed: ones that are free"
         with pytest.raises(RunError, match=text):
             graph.run(load_case(None, ["duration=1"]), "lockstep", tmp_path, quiet, parts=Parts(view_port=port))
@@ -240,8 +242,8 @@ def test_nodes_do_not_take_a_view_for_a_peer(loopback: Any) -> None:
     rclpy.init(context=elsewhere)
 
     def wait(seconds: float, recorder: bool = False) -> None:
-        own = Options("lockstep", 5.0, seconds, recorder=recorder, view=False)
-        wait_for_peers(node, {publisher: 1}, [], [f"/{REFUSALS}"], own, lambda: None)
+        options = Options("lockstep", 5.0, seconds, recorder=recorder, view=False)
+        wait_for_peers(node, {publisher: 1}, [], [f"/{REFUSALS}"], options, lambda: None)
 
     try:
         publisher = node.create_publisher(GridEvent, "events", PUBLISHER_QOS)

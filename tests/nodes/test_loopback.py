@@ -35,10 +35,10 @@ def profile(reliability: Any = RELIABLE, durability: Any = VOLATILE, depth: int 
 
 
 def received(node: Any, executor: Any, topic: str, qos: QoSProfile) -> list[str]:
-    found: list[str] = []
-    node.create_subscription(String, topic, lambda message: found.append(message.data), qos)
+    texts: list[str] = []
+    node.create_subscription(String, topic, lambda message: texts.append(message.data), qos)
     executor.spin_once(timeout_sec=0.1)
-    return found
+    return texts
 
 
 @pytest.mark.parametrize(
@@ -56,10 +56,10 @@ def test_ends_meet_where_no_more_is_wanted_than_is_offered(
 ) -> None:
     with somebody("a") as (node, executor):
         publisher = node.create_publisher(String, "topic", offered)
-        found = received(node, executor, "topic", wanted)
+        texts = received(node, executor, "topic", wanted)
         publisher.publish(String(data="one"))
         executor.spin_once(timeout_sec=1.0)
-        assert found == (["one"] if meet else [])
+        assert texts == (["one"] if meet else [])
         assert publisher.get_subscription_count() == int(meet)
 
 
@@ -112,15 +112,25 @@ def test_services_parameters_timers_and_time(loopback: Any) -> None:
 def test_names_and_parameters_come_from_arguments_as_in_rclpy(loopback: Any, tmp_path: Path) -> None:
     file = tmp_path / "own.yaml"
     file.write_text("/**: {ros__parameters: {a: 1, b: {c: x}}}\nother: {ros__parameters: {a: 2}}\n", encoding="utf-8")
-    given = ["--ros-args", "-r", "__node:=own", "-r", "__ns:=/here", "-r", "topic:=/there", "--params-file", str(file)]
-    with somebody("a", cli_args=[*given, "-p", "d:=[1.5, 2.0]", "-p", "other:d:=3"]) as (node, _):
+    arguments = [
+        "--ros-args",
+        "-r",
+        "__node:=own",
+        "-r",
+        "__ns:=/here",
+        "-r",
+        "topic:=/there",
+        "--params-file",
+        str(file),
+    ]
+    with somebody("a", cli_args=[*arguments, "-p", "d:=[1.5, 2.0]", "-p", "other:d:=3"]) as (node, _):
         assert node.get_fully_qualified_name() == "/here/own"
         assert node.resolve_topic_name("topic") == "/there"
         assert node.resolve_topic_name("~/x") == "/here/own/x"
-        found: dict[str, Any] = {
+        parameters: dict[str, Any] = {
             name: node.declare_parameter(name, default).value for name, default in (("a", 0), ("b.c", ""))
         }
-        assert found == {"a": 1, "b.c": "x"}
+        assert parameters == {"a": 1, "b.c": "x"}
     with pytest.raises(RuntimeError, match="Couldn't parse"):
         parse(["--ros-args", "-p", "gain"])
 
@@ -194,7 +204,7 @@ OF_THIS_PROCESS = {
 
 
 def test_nodes_know_one_clock_and_no_threads() -> None:
-    root, found = Path(nodes.__file__).parents[2], {}
+    root, by_file = Path(nodes.__file__).parents[2], {}
     rooms = ("loopback", "foreign", "nodes")
     packages = [root / "facts_damping", *(root / "extensions").iterdir()]
     paths = [path for room in rooms for package in packages for path in (package / room).rglob("*.py")]
@@ -204,8 +214,8 @@ def test_nodes_know_one_clock_and_no_threads() -> None:
             r"^\s*(?:import|from) (time|threading|datetime|random|uuid|secrets)\b", path.read_text(), re.MULTILINE
         )
         if lines:
-            found["/".join(path.parts[-2:])] = set(lines)
-    assert found == OF_THIS_PROCESS
+            by_file["/".join(path.parts[-2:])] = set(lines)
+    assert by_file == OF_THIS_PROCESS
 
 
 def test_rclpy_is_itself_again_afterwards() -> None:

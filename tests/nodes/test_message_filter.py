@@ -43,9 +43,9 @@ PLANT = bytes(range(48, 64))
 @pytest.fixture
 def node(domain: int) -> Iterator[Node]:
     rclpy.init()
-    made = rclpy.create_node("guarded", parameter_overrides=[Parameter("progress", value=True)])
-    yield made
-    made.destroy_node()
+    created = rclpy.create_node("guarded", parameter_overrides=[Parameter("progress", value=True)])
+    yield created
+    created.destroy_node()
     rclpy.shutdown()
 
 
@@ -86,47 +86,51 @@ def ticks(data: bytes) -> tuple[int]:
 
 
 def test_ticks_come_one_after_the_other(node: Node) -> None:
-    one = Listener(node, ticks)
-    assert [one.send(str(tick).encode()) for tick in (0, 1, 1, 3, 2, 10**9, 3)] == [
+    listener = Listener(node, ticks)
+    assert [listener.send(str(tick).encode()) for tick in (0, 1, 1, 3, 2, 10**9, 3)] == [
         *(True, True, False, False, True, False, True)
     ]
-    assert one.causes() == ["tick"] * 3
+    assert listener.causes() == ["tick"] * 3
 
 
 def test_publisher_that_does_not_begin_with_tick_0_is_foreign(node: Node) -> None:
-    one = Listener(node, ticks)
-    assert [one.send(b"5", FOREIGN), one.send(b"5"), one.send(b"0"), one.send(b"1", FOREIGN), one.send(b"1")] == [
-        *(False, False, True, False, True)
-    ]
-    assert one.causes() == ["publisher"] * 3
+    listener = Listener(node, ticks)
+    assert [
+        listener.send(b"5", FOREIGN),
+        listener.send(b"5"),
+        listener.send(b"0"),
+        listener.send(b"1", FOREIGN),
+        listener.send(b"1"),
+    ] == [*(False, False, True, False, True)]
+    assert listener.causes() == ["publisher"] * 3
 
 
 def test_in_real_time_ticks_may_be_missing_as_the_clock_allows(node: Node) -> None:
-    one = Listener(node, ticks, realtime=True)
-    assert one.send(b"0")
-    assert not one.send(b"1000")
-    assert one.send(b"60")
-    one.state.at -= 60.0
-    assert one.send(b"1000")
-    assert not one.send(b"1000")
+    listener = Listener(node, ticks, realtime=True)
+    assert listener.send(b"0")
+    assert not listener.send(b"1000")
+    assert listener.send(b"60")
+    listener.state.at -= 60.0
+    assert listener.send(b"1000")
+    assert not listener.send(b"1000")
 
 
 def test_answer_before_its_tick_is_refused(node: Node) -> None:
-    one = Listener(node, ticks, newest=lambda: 0)
-    assert [one.send(b"0"), one.send(b"1")] == [True, False]
+    listener = Listener(node, ticks, newest=lambda: 0)
+    assert [listener.send(b"0"), listener.send(b"1")] == [True, False]
 
 
 def test_message_of_another_publisher_or_old_sequence_is_refused(node: Node) -> None:
-    one = Listener(node, ticks)
-    assert one.send(b"0", OWN, 5)
-    assert not one.send(b"1", FOREIGN, 6)
-    assert not one.send(b"1", OWN, 5)
-    assert one.send(b"1", OWN, 6)
-    assert sorted(one.causes()) == ["publisher", "sequence"]
+    listener = Listener(node, ticks)
+    assert listener.send(b"0", OWN, 5)
+    assert not listener.send(b"1", FOREIGN, 6)
+    assert not listener.send(b"1", OWN, 5)
+    assert listener.send(b"1", OWN, 6)
+    assert sorted(listener.causes()) == ["publisher", "sequence"]
     for i in range(2 * MAXIMUM):
-        one.send(b"2", i.to_bytes(16, "big"))
-    assert len(one.message_filter.refusals._refused) <= MAXIMUM + 1
-    assert one.message_filter.refusals._refused.total() == 2 * MAXIMUM + 2
+        listener.send(b"2", i.to_bytes(16, "big"))
+    assert len(listener.message_filter.refusals._refused) <= MAXIMUM + 1
+    assert listener.message_filter.refusals._refused.total() == 2 * MAXIMUM + 2
 
 
 def sound(data: bytes) -> tuple[int]:
@@ -149,90 +153,92 @@ def sound(data: bytes) -> tuple[int]:
 def test_place_of_one_that_has_left_is_free_in_real_time(
     node: Node, realtime: bool, there: list[bytes], plant: list[bytes], succeeds: bool
 ) -> None:
-    one = Listener(node, sound, realtime)
-    one.message_filter.subscribe_run_state()
-    one.message_filter.senders.topics[1].publisher = PLANT
-    one.message_filter.senders.of = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
-    assert one.send(b"0")
-    assert not one.send(b"odd", FOREIGN)
+    listener = Listener(node, sound, realtime)
+    listener.message_filter.subscribe_run_state()
+    listener.message_filter.senders.topics[1].publisher = PLANT
+    listener.message_filter.senders.of = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
+    assert listener.send(b"0")
+    assert not listener.send(b"odd", FOREIGN)
     time.sleep(2 * KNOW_S)
-    assert one.send(b"1")
-    assert one.send(b"2", FOREIGN) == succeeds
-    assert one.send(b"3" if succeeds else b"2") != succeeds
-    assert one.causes() == ["format" if succeeds else "publisher", "publisher"]
+    assert listener.send(b"1")
+    assert listener.send(b"2", FOREIGN) == succeeds
+    assert listener.send(b"3" if succeeds else b"2") != succeeds
+    assert listener.causes() == ["format" if succeeds else "publisher", "publisher"]
 
 
 def test_joining_node_is_heard_first_on_topics_common_to_all_nodes(node: Node) -> None:
     """As a disarmed identifier, which the recording must name."""
-    one = Listener(node, ticks, realtime=True)
+    listener = Listener(node, ticks, realtime=True)
     admitted: list[bytes] = []
-    one.message_filter.subscribe(DiagnosticArray, "/diagnostics", lambda data, _: admitted.append(data), common=True)
-    state = one.message_filter.senders.topics[1]
+    listener.message_filter.subscribe(
+        DiagnosticArray, "/diagnostics", lambda data, _: admitted.append(data), common=True
+    )
+    state = listener.message_filter.senders.topics[1]
     for there, data in (([OWN], b"a"), ([FOREIGN], b"b")):
-        one.message_filter.senders.of = lambda _, there=there: there  # type: ignore[method-assign, misc]
-        one.message_filter.take(state, data, information(FOREIGN[:12] + bytes(4), len(admitted) + 1))
+        listener.message_filter.senders.of = lambda _, there=there: there  # type: ignore[method-assign, misc]
+        listener.message_filter.take(state, data, information(FOREIGN[:12] + bytes(4), len(admitted) + 1))
         time.sleep(2 * KNOW_S)
     assert admitted == [b"b"]
 
 
 def test_plant_cannot_be_replaced_by_another_publisher(node: Node) -> None:
-    one = Listener(node, ticks, realtime=True)
-    one.message_filter.subscribe_run_state()
-    one.message_filter.senders.topics[1].publisher = OWN[:12] + bytes(4)
-    one.message_filter.senders.of = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
-    assert one.send(b"0")
-    assert not one.send(b"1", FOREIGN)
+    listener = Listener(node, ticks, realtime=True)
+    listener.message_filter.subscribe_run_state()
+    listener.message_filter.senders.topics[1].publisher = OWN[:12] + bytes(4)
+    listener.message_filter.senders.of = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
+    assert listener.send(b"0")
+    assert not listener.send(b"1", FOREIGN)
 
 
 def test_run_state_of_others_than_the_plant_is_ignored(node: Node, capsys: Any) -> None:
-    one = Listener(node, ticks)
-    one.message_filter.subscribe_run_state()
-    _, plant, state = one.message_filter.senders.topics
+    listener = Listener(node, ticks)
+    listener.message_filter.subscribe_run_state()
+    _, plant, state = listener.message_filter.senders.topics
     plant.publisher = PLANT
     ended = RunState(state=RunState.ENDED, tick=300, reason="synchronism lost at 5.000 s", in_synchronism=False)
     message = serialize_message(stamped(ended, 5 * 10**9))
     for publisher, let in ((FOREIGN, False), (PLANT[:12] + bytes(4), True)):
-        assert one.message_filter.take(state, message, information(publisher, 1)) == let
-        assert one.message_filter.over == let
+        assert listener.message_filter.take(state, message, information(publisher, 1)) == let
+        assert listener.message_filter.over == let
     assert capsys.readouterr().out == "synchronism lost at 5.000 s\n"
-    assert one.causes() == []
+    assert listener.causes() == []
 
 
 def test_reports_come_at_most_once_a_second(node: Node, capsys: Any) -> None:
-    one = Listener(node, ticks)
-    one.send(b"0")
-    one.message_filter.report_refusals()
-    one.send(b"9999999")
-    one.message_filter.report_refusals()
-    assert one.reports == []
-    one.message_filter.refusals._reported_at -= TELL_S
+    listener = Listener(node, ticks)
+    listener.send(b"0")
+    listener.message_filter.report_refusals()
+    listener.send(b"9999999")
+    listener.message_filter.report_refusals()
+    assert listener.reports == []
+    listener.message_filter.refusals._reported_at -= TELL_S
     for _ in range(3):
-        one.message_filter.report_refusals()
-    one.send(b"9999999")
-    one.message_filter.report_refusals()
-    assert len(one.reports) == 1
+        listener.message_filter.report_refusals()
+    listener.send(b"9999999")
+    listener.message_filter.report_refusals()
+    assert len(listener.reports) == 1
     assert capsys.readouterr().out == f"refused 1 tick /topic {OWN.hex()}\n"
-    one.message_filter.report_refusals(last=True)
-    assert len(one.reports) == 2
+    listener.message_filter.report_refusals(last=True)
+    assert len(listener.reports) == 2
     assert capsys.readouterr().out == f"refused 2 tick /topic {OWN.hex()}\n"
 
 
 def test_odd_messages_of_the_known_publisher_are_refused_too(node: Node) -> None:
     rng = np.random.default_rng(1)
-    rows, given = np.zeros(1, DELIVERY), np.zeros(1, SETPOINT)
+    rows, setpoints = np.zeros(1, DELIVERY), np.zeros(1, SETPOINT)
     readers: list[tuple[type[Any], Any, list[bytes]]] = [
         (PmuDataFrame, FramesMessage(CASE), [FramesMessage(CASE).fill(0, 0, rows, 1)]),
-        (DeviceSetpoints, SetpointsMessage(CASE), [SetpointsMessage(CASE).fill(0, 0, given, "")]),
+        (DeviceSetpoints, SetpointsMessage(CASE), [SetpointsMessage(CASE).fill(0, 0, setpoints, "")]),
         (JacobianEstimate, Estimates(CASE, 0), []),
     ]
     for kind, reader, genuine in readers:
-        one = Listener(node, reader.read)
+        listener = Listener(node, reader.read)
         for _ in range(1000):
-            one.send(hostile(rng, kind, genuine))
-        assert len(one.causes()) + len(one.admitted) == one.sent
-        assert {"format", "names"} <= set(one.causes())
-        assert len(one.admitted) <= 5
-        assert [message[0] for message in one.admitted] == list(range(len(one.admitted)))
+            listener.send(hostile(rng, kind, genuine))
+        assert len(listener.causes()) + len(listener.admitted) == listener.sent
+        assert {"format", "names"} <= set(listener.causes())
+        assert len(listener.admitted) <= 5
+        assert [message[0] for message in listener.admitted] == list(range(len(listener.admitted)))
 
 
 def test_forged_message_is_reported_at_the_end_of_a_command(loopback: Any, tmp_path: Path, capsys: Any) -> None:

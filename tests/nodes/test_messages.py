@@ -38,9 +38,9 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     text = (Path(__file__).parents[2] / "config" / "systems" / "two_area.yaml").read_text(encoding="utf-8")
     system = tmp_path_factory.mktemp("system") / "two_area.yaml"
     system.write_text(re.sub("(  - {name: TIE.*\n)", r"\1  - {name: TIE_2, bus: B8W}\n", text), encoding="utf-8")
-    found = load_case(None, [f"system={system}"])
-    assert len(found.system.pmus) == PMUS
-    return found
+    loaded = load_case(None, [f"system={system}"])
+    assert len(loaded.system.pmus) == PMUS
+    return loaded
 
 
 def start_ns(tick: int) -> int:
@@ -116,8 +116,8 @@ def test_message_with_unknown_names_is_refused(case: Case) -> None:
     assert refusal(frames, serialize_message(message)) == "names"
     message.frames[1].pmu, message.frames[1].header.frame_id = "G2", "B1"
     assert refusal(frames, serialize_message(message)) == "names"
-    given = np.zeros(1, SETPOINT)
-    sent = setpoints.fill(5, start_ns(5), given, "controller_0_LLC")
+    setpoints_sent = np.zeros(1, SETPOINT)
+    sent = setpoints.fill(5, start_ns(5), setpoints_sent, "controller_0_LLC")
     assert refusal(SetpointsMessage(case), sent) == "names"
     assert refusal(SetpointsMessage(case, "controller_0_LLC", []), sent) == "names"
     asked = deserialize_message(sent, msg.DeviceSetpoints)
@@ -140,13 +140,13 @@ def test_stamp_that_is_not_of_the_tick_is_refused(case: Case) -> None:
 def wholes() -> list[tuple[Any, bytes]]:
     """What reads messages of each kind that a node reads, and a message."""
     case = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
-    rows, given, estimate = np.zeros(2, DELIVERY), np.zeros(1, SETPOINT), np.zeros(1, ESTIMATE)
+    rows, setpoints_sent, estimate = np.zeros(2, DELIVERY), np.zeros(1, SETPOINT), np.zeros(1, ESTIMATE)
     rows["pmu"] = [0, 1]
     frames, setpoints, estimates = FramesMessage(case), SetpointsMessage(case), Estimates(case, 0)
     identifier = build_control(case)[3]
     return [
         (frames, frames.fill(0, 0, rows, 2)),
-        (setpoints, setpoints.fill(0, 0, given, "")),
+        (setpoints, setpoints.fill(0, 0, setpoints_sent, "")),
         (estimates, estimates.fill(0, estimate, identifier, 0)),
     ]
 
@@ -222,8 +222,8 @@ def test_truth_and_inner_state_are_the_messages(case: Case) -> None:
     assert [m.machine for m in state.machines] == ["G1", "G2", "G3", "G4"]
     assert [m.rotor_angle_rad for m in state.machines] == machines["rotor_angle"].tolist()
     assert [m.terminal_voltage_pu for m in state.machines] == machines["terminal_voltage"].tolist()
-    found = state.devices[0]
-    assert [found.dc_voltage_pu, found.state_pu] == [devices["dc_voltage"][0], devices["state"][0]]
+    device = state.devices[0]
+    assert [device.dc_voltage_pu, device.state_pu] == [devices["dc_voltage"][0], devices["state"][0]]
     assert (state.devices[0].blocked, state.devices[0].released, state.devices[0].refused_order) == (True, False, 12)
     _, control, _, _ = build_control(case)
     control.held.signal[0], control.unlimited[0], control.outputs[0] = 0.25, 3.0, 0.1

@@ -74,8 +74,8 @@ def test_graph_of_the_deployment_is_the_in_process_run_bit_for_bit(tmp_path: Pat
 def test_graph_with_identifier_is_the_in_process_run_bit_for_bit(
     tmp_path: Path, name: str, scheme: str, scenario: list[str], link: str
 ) -> None:
-    own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"link={link}", "duration=2"]
-    case = load_case(None, [*scenario, *own])
+    run_sets = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"link={link}", "duration=2"]
+    case = load_case(None, [*scenario, *run_sets])
     computed = as_in_process(tmp_path, case)
     assert np.any(computed.applied["value"] != 0.0)
     assert len(computed.estimates) == (120 if scheme == "indirect" else 0)
@@ -86,8 +86,8 @@ def test_centralised_graph_is_the_in_process_run_bit_for_bit(
     tmp_path: Path, name: str, scheme: str | None, scenario: str, link: str
 ) -> None:
     """Two signals, two devices; all of them: benchmarks/graphs.py."""
-    own = [*centralised(name, scheme), f"scenario={scenario}", f"link={link}", "duration=2"]
-    case = load_case(None, own)
+    run_sets = [*centralised(name, scheme), f"scenario={scenario}", f"link={link}", "duration=2"]
+    case = load_case(None, run_sets)
     computed = as_in_process(tmp_path, case)
     assert {0, 1} == set(computed.issued["device"])
     assert len(computed.estimates) == (4 * 120 if scheme == "indirect" else 0)
@@ -122,9 +122,9 @@ def test_weights_are_saved_and_a_run_goes_on_from_them(tmp_path: Path) -> None:
 def test_inner_state_and_estimates_are_published_every_tick(tmp_path: Path) -> None:
     case = load_case(None, [*HBSWC, "duration=3"])
     graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
-    found = payloads(tmp_path)
-    states = [deserialize_message(data, ControllerState) for data in found["/controller_0_HBsWC/state"]]
-    estimates = [deserialize_message(data, JacobianEstimate) for data in found["/identifier_0_ANFGuMoI/estimate"]]
+    messages = payloads(tmp_path)
+    states = [deserialize_message(data, ControllerState) for data in messages["/controller_0_HBsWC/state"]]
+    estimates = [deserialize_message(data, JacobianEstimate) for data in messages["/identifier_0_ANFGuMoI/estimate"]]
     assert len(states) == len(estimates) == 180
     built = loop.build_loop(case)
     loop.finish(case, built)

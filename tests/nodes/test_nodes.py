@@ -54,11 +54,11 @@ def test_parameters_have_description_unit_and_range(loopback: Any, start: Any, c
     arm = client(Trigger, "/controller/arm", Trigger.Request())
     assert (arm.success, arm.message) in ((False, "it is armed"), (False, "it has not begun yet"))
     names = client(ListParameters, "/controller/list_parameters", ListParameters.Request()).result.names
-    own = {"gain", "Tw", "T1", "T2", "T3", "T4"}
-    assert own | {"run", "set", "mode", "timeout", "index", "frame_rate", "duration", "seed"} <= set(names)
+    parameters = {"gain", "Tw", "T1", "T2", "T3", "T4"}
+    assert parameters | {"run", "set", "mode", "timeout", "index", "frame_rate", "duration", "seed"} <= set(names)
     described = client(DescribeParameters, "/controller/describe_parameters", DescribeParameters.Request(names=names))
     by_name = {d.name: d for d in described.descriptors}
-    for name in own:
+    for name in parameters:
         assert by_name[name].description.endswith("]"), name
         assert by_name[name].floating_point_range[0].from_value < by_name[name].floating_point_range[0].to_value
         assert not by_name[name].read_only

@@ -105,11 +105,11 @@ def test_recorder_notes_what_it_lost_from_queues_of_bounded_depth(loopback: Any,
         def steal(data: bytes) -> None:
             if not profiles:
                 for topic, _ in node.get_topic_names_and_types():
-                    profiles.extend(one.qos_profile for one in node.get_publishers_info_by_topic(topic))
+                    profiles.extend(endpoint.qos_profile for endpoint in node.get_publishers_info_by_topic(topic))
             if 40 < int.from_bytes(data[20:28], "little") < 100:
-                for one in of_loopback().of(Subscription):
-                    if one.node.get_node_name() == "recorder" and one.name == "/pmu/frames":
-                        one.waiting.clear()
+                for subscription in of_loopback().of(Subscription):
+                    if subscription.node.get_node_name() == "recorder" and subscription.name == "/pmu/frames":
+                        subscription.waiting.clear()
 
         node.create_subscription(PmuDataFrame, "pmu/frames", steal, SUBSCRIBER_QOS, raw=True)
         rclpy.spin(node)
@@ -117,7 +117,7 @@ def test_recorder_notes_what_it_lost_from_queues_of_bounded_depth(loopback: Any,
     loopback.start("thief", lose)
     outcome = graph.run(case, "realtime", tmp_path, quiet, LOADED_S)
     assert len(profiles) > 20
-    assert all(one.history == QoSHistoryPolicy.KEEP_LAST and one.depth <= DEPTH for one in profiles)
+    assert all(profile.history == QoSHistoryPolicy.KEEP_LAST and profile.depth <= DEPTH for profile in profiles)
     frames = [message for message in scan(outcome.recording).messages if message.topic == "/pmu/frames"]
     recorded, computed = load(outcome.recording), loop.run(case)
     assert 0 < outcome.messages_lost == case.ticks - len(frames) < case.ticks

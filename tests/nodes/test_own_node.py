@@ -43,14 +43,14 @@ DYING = (
 NAME = "controller_0_mine"
 
 
-def own(*sets: str, **fields: Any) -> list[str]:
+def controller_sets(*sets: str, **fields: Any) -> list[str]:
     return [*SETS, *sets, "controllers=" + json.dumps([{"name": "mine", **fields}])]
 
 
 def by_command(*sets: str, more: str = "", **fields: Any) -> list[str]:
     """A run whose node is started; `more`: Python that comes before it is."""
     lines = [BESIDE, *([more] if more else []), f"runpy.run_path({NODE!r}, run_name='__main__')"]
-    return own(*sets, command=[sys.executable, "-c", "; ".join(lines)], **fields)
+    return controller_sets(*sets, command=[sys.executable, "-c", "; ".join(lines)], **fields)
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_started_by_the_graph_it_is_replayed_with_others(domain: int, tmp_path: 
 def test_started_by_hand_it_serves_one_run_after_the_other(by_hand: Any, tmp_path: Path) -> None:
     computed = in_process("duration=2")
     for mode in ("lockstep", "realtime"):
-        outcome = run(tmp_path / mode, own("duration=2", external=True), mode)
+        outcome = run(tmp_path / mode, controller_sets("duration=2", external=True), mode)
         assert (outcome.messages_lost, outcome.deadline_misses) == (0, 0)
         assert_same_law(load(outcome.recording), computed)
     assert by_hand.is_alive()
@@ -106,7 +106,7 @@ def test_started_by_hand_it_serves_one_run_after_the_other(by_hand: Any, tmp_pat
 
 def test_missing_it_is_named(loopback: Any, tmp_path: Path) -> None:
     with pytest.raises(RunError, match=f"missing after 30 s: .*/{NAME}/setpoints"):
-        run(tmp_path, own("duration=1", external=True))
+        run(tmp_path, controller_sets("duration=1", external=True))
 
 
 @pytest.mark.parametrize(("number", "what"), [(signal.SIGSTOP, "is silent"), (signal.SIGINT, "has left")])
@@ -119,7 +119,9 @@ def test_silent_or_gone_it_is_named_in_lockstep(
                 os.kill(by_hand.pid, number)
 
     with pytest.raises(RunError, match=f"{NAME} {what}: nothing after tick"):
-        graph.run(load_case(None, own("duration=100", external=True)), "lockstep", tmp_path, strike, SILENCE_S)
+        graph.run(
+            load_case(None, controller_sets("duration=100", external=True)), "lockstep", tmp_path, strike, SILENCE_S
+        )
     assert len(load(tmp_path / "recording").time_ns) > 1
 
 
@@ -139,12 +141,12 @@ def test_late_in_real_time_it_is_named(by_hand: Any, tmp_path: Path, monkeypatch
     law = importlib.import_module("lead_lag").LeadLag
     step = law.step
 
-    def slowly(*given: Any) -> float:
+    def slowly(*positional: Any) -> float:
         time.sleep(0.025)
-        return float(step(*given))
+        return float(step(*positional))
 
     monkeypatch.setattr(law, "step", slowly)
-    outcome = run(tmp_path, own("duration=2", external=True), "realtime")
+    outcome = run(tmp_path, controller_sets("duration=2", external=True), "realtime")
     assert outcome.deadline_misses > 0
     texts = diagnostics(outcome.recording, "wan_link")
     assert any(f"of {NAME}" in text and "late answers" in text for text in texts), texts
@@ -161,7 +163,7 @@ def test_own_node_ends_when_its_command_is_killed(domain: int, tmp_path: Path) -
 
 
 def left() -> list[str]:
-    found = []
+    commands = []
     for entry in Path("/proc").iterdir():
         try:
             words = (entry / "cmdline").read_bytes().decode().split("\0")
@@ -169,8 +171,8 @@ def left() -> list[str]:
         except OSError:
             continue
         if any(NODE in word for word in words) and f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']}" in environment:
-            found += [entry.name] if "facts_damping.cli.main" not in words else []
-    return found
+            commands += [entry.name] if "facts_damping.cli.main" not in words else []
+    return commands
 
 
 @pytest.mark.parametrize(
@@ -184,11 +186,11 @@ def left() -> list[str]:
     ],
 )
 def test_in_process_it_is_refused(fields: dict[str, Any], expected: str, capsys: Any) -> None:
-    assert_one_line(2, ["simulate", *changes(own(**fields))], expected, capsys)
+    assert_one_line(2, ["simulate", *changes(controller_sets(**fields))], expected, capsys)
 
 
 def test_command_that_is_not_there_starts_nothing(tmp_path: Path, capsys: Any) -> None:
-    command = ["run", *changes(own(command=["no_such_program"])), "--out", str(tmp_path / "out")]
+    command = ["run", *changes(controller_sets(command=["no_such_program"])), "--out", str(tmp_path / "out")]
     text = "controllers.0.command: 'no_such_program' given; allowed: an executable program"
     assert_one_line(2, command, text, capsys)
     assert not (tmp_path / "out").exists()

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def own(policy: str, *sets: str) -> list[str]:
+def policy_sets(policy: str, *sets: str) -> list[str]:
     return ["scenario=large", *sets, "controllers=" + json.dumps([{"name": "mine", "policy": policy}])]
 
 
@@ -38,7 +38,7 @@ def written(folder: Path, step: str) -> str:
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    case = load_case(None, own(LEAD_LAG, "duration=2", "link=pdci"))
+    case = load_case(None, policy_sets(LEAD_LAG, "duration=2", "link=pdci"))
     with opened():
         outcome = graph.run(case, "lockstep", tmp_path_factory.mktemp("graph"), quiet, LOADED_S)
     assert outcome.step_times["controller_0_mine"].steps > 100
@@ -68,32 +68,32 @@ def test_commands_that_read_a_recording_run_no_user_code(
 
 
 def test_class_that_fails_is_named_and_its_recording_is_readable(loopback: Any, tmp_path: Path) -> None:
-    case = load_case(None, own(written(tmp_path, "return 0.001 if t_s < 1 else 1 / 0"), "duration=3"))
+    case = load_case(None, policy_sets(written(tmp_path, "return 0.001 if t_s < 1 else 1 / 0"), "duration=3"))
     text = r"controller_0_mine: controllers.0.policy: mine.py:5: ZeroDivisionError: .*, in step of mine at 1 s"
     with pytest.raises(RunError, match=text):
         graph.run(case, "lockstep", tmp_path / "out", quiet, LOADED_S)
     recorded = load(tmp_path / "out" / "recording")
     assert len(recorded.time_ns) >= 60
-    before = loop.run(load_case(None, own(written(tmp_path, "return 0.001"), "duration=1")))
+    before = loop.run(load_case(None, policy_sets(written(tmp_path, "return 0.001"), "duration=1")))
     for name in ("frames", "machines", "devices"):
         assert getattr(recorded, name)[:60].tobytes() == getattr(before, name)[:60].tobytes()
 
 
 def test_missing_policy_file_is_refused_before_a_graph_starts(tmp_path: Path, capsys: Any) -> None:
-    command = ["run", *changes(own("nowhere.py:Mine")), "--out", str(tmp_path / "out")]
+    command = ["run", *changes(policy_sets("nowhere.py:Mine")), "--out", str(tmp_path / "out")]
     assert_one_line(2, command, "controllers.0.policy: nowhere.py: no such file", capsys)
     assert not (tmp_path / "out").exists()
 
 
 def test_node_refuses_it_too(loopback: Any, tmp_path: Path) -> None:
-    case = load_case(None, own("nowhere.py:Mine", "duration=1"))
+    case = load_case(None, policy_sets("nowhere.py:Mine", "duration=1"))
     with pytest.raises((RunError, InputError), match=r"nowhere\.py: no such file"):
         graph.run(case, "lockstep", tmp_path / "out", quiet, LOADED_S)
 
 
 def test_in_real_time_steps_longer_than_a_frame_are_counted(loopback: Any, tmp_path: Path) -> None:
     slow = written(tmp_path, "time.sleep(0.05 if 1.0 < t_s < 1.3 else 0); return 0.0")
-    case = load_case(None, own(slow, "duration=3"))
+    case = load_case(None, policy_sets(slow, "duration=3"))
     outcome = graph.run(case, "realtime", tmp_path / "out", quiet, LOADED_S)
     times = outcome.step_times["controller_0_mine"]
     assert 0.05 <= times.max_s < 0.06
@@ -105,7 +105,7 @@ def test_in_real_time_steps_longer_than_a_frame_are_counted(loopback: Any, tmp_p
 def diagnostics(recording: Path, of: str) -> list[str]:
     """Texts of a node's diagnostics in a recording."""
     data = payloads(recording.parent, name=recording.name)["/diagnostics"]
-    rows = [status for one in data for status in deserialize_message(one, DiagnosticArray).status]
+    rows = [status for message in data for status in deserialize_message(message, DiagnosticArray).status]
     return [status.message for status in rows if of in status.name]
 
 
@@ -123,4 +123,4 @@ def test_fmu_in_a_graph_is_the_one_in_process_bit_for_bit(
 
 def test_lockstep_waits_for_a_step_that_is_slow(loopback: Any, tmp_path: Path) -> None:
     slow = written(tmp_path, "time.sleep(0.05 if t_s == 0.5 else 0); return 0.0")
-    as_in_process(tmp_path / "out", load_case(None, own(slow, "duration=1")))
+    as_in_process(tmp_path / "out", load_case(None, policy_sets(slow, "duration=1")))

@@ -37,21 +37,23 @@ def test_message_comes_with_its_publisher_and_sequence(domain: int, take: Callab
         assert [data for data, _ in messages] == sent
         informations = [information for _, information in messages]
         (there,) = node.get_publishers_info_by_topic("events")
-        assert {bytes(one["publisher_gid"]["data"]) for one in informations} == {bytes(there.endpoint_gid)}
-        assert [one["publication_sequence_number"] for one in informations] == [1, 2, 3]
-        assert all(begun <= one["source_timestamp"] <= time.time_ns() for one in informations)
+        assert {bytes(information["publisher_gid"]["data"]) for information in informations} == {
+            bytes(there.endpoint_gid)
+        }
+        assert [information["publication_sequence_number"] for information in informations] == [1, 2, 3]
+        assert all(begun <= information["source_timestamp"] <= time.time_ns() for information in informations)
 
 
 @pytest.mark.parametrize("this_host", [False, True])
 def test_profiles_of_both_versions_of_fast_dds_are_the_same(monkeypatch: pytest.MonkeyPatch, this_host: bool) -> None:
     assert run.profile(this_host) is not None
-    found = {}
+    texts = {}
     for name, major in run.FAST_DDS.items():
         monkeypatch.setattr(run, "version", {f"ros-{name}": f"{major}0"}.get)
         monkeypatch.setattr(run, "FAST_DDS", {name: major})
         ours = run.profile.__wrapped__(this_host)
         assert ours is not None
-        found[ours[0]] = ours[1].read_text().partition("-->")[2]
-    assert list(found) == ["FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"]
-    new, old = found.values()
+        texts[ours[0]] = ours[1].read_text().partition("-->")[2]
+    assert list(texts) == ["FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"]
+    new, old = texts.values()
     assert old == new.replace("heartbeat_period", "heartbeatPeriod") != new

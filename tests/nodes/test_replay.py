@@ -124,15 +124,15 @@ def test_shadow_is_the_same_by_nodes_and_in_process(
     loopback: Any, graphs: dict[str, Path], tmp_path: Path, capsys: Any
 ) -> None:
     other = ["--set", "controllers.0.name=ANFTSC", "--json", "-"]
-    found = []
+    documents = []
     for more in ([], [*BY_NODES, "--out", str(tmp_path / "nodes")]):
         status, out, errors = called(capsys, "replay", str(graphs["decentralised"]), *other, *more)
         assert status == 0, errors
-        found.append(json.loads(out))
-    assert found[0]["identical"] is False
-    assert found[1].pop("replayed") == str(tmp_path / "nodes" / "recording")
-    found[0].pop("replayed")
-    assert found[0] == found[1]
+        documents.append(json.loads(out))
+    assert documents[0]["identical"] is False
+    assert documents[1].pop("replayed") == str(tmp_path / "nodes" / "recording")
+    documents[0].pop("replayed")
+    assert documents[0] == documents[1]
     assert (tmp_path / "nodes" / "setpoints.png").read_bytes().startswith(b"\x89PNG")
     by_nodes = load(tmp_path / "nodes" / "recording")
     record = load(graphs["decentralised"])
@@ -165,11 +165,11 @@ def test_silent_controller_is_named(
 ) -> None:
     act = ControllerNode.act
 
-    def act_or_stop(self: ControllerNode, tick: int, *given: Any) -> None:
+    def act_or_stop(self: ControllerNode, tick: int, *positional: Any) -> None:
         if (self.name, tick) == (SILENT, 50):
             os.kill(started[f"substation/{SILENT}"].process.pid, signal.SIGSTOP)
             time.sleep(0.0)  # stops here
-        act(self, tick, *given)
+        act(self, tick, *positional)
 
     monkeypatch.setattr(ControllerNode, "act", act_or_stop)
     record = load(graphs["decentralised"])
@@ -284,9 +284,15 @@ def test_message_that_is_missing_ends_the_replay_there_whatever_it_is(
         with RecordingWriter(out, content.configuration, content.versions) as writer:
             for known in content.topics.values():
                 writer.copy_topic(known)
-            for one in content.messages:
-                if one.topic != topic or next(turn) != 60:
-                    writer.write(one.topic, one.data, one.log_ns, one.publish_ns, one.sequence)
+            for raw_message in content.messages:
+                if raw_message.topic != topic or next(turn) != 60:
+                    writer.write(
+                        raw_message.topic,
+                        raw_message.data,
+                        raw_message.log_ns,
+                        raw_message.publish_ns,
+                        raw_message.sequence,
+                    )
         capsys.readouterr()
         assert main(["replay", str(out)]) == 0, topic
         output, errors = capsys.readouterr()
@@ -338,7 +344,7 @@ def test_tools_of_others_read_every_message_without_a_warning(graphs: dict[str, 
             mcap = make_reader(stream, validate_crcs=True)
             topics = [channel.topic for _, channel, _ in mcap.iter_messages()]
             attachments = [attachment.name for attachment in mcap.iter_attachments()]
-            metadata = [one.name for one in mcap.iter_metadata()]
+            metadata = [metadatum.name for metadatum in mcap.iter_metadata()]
         assert attachments == ["run.yaml"]
         assert metadata == ["facts_damping.versions", "facts_damping.lost", "facts_damping.publishers", "rosbag2"]
         assert len(topics) == total > 500
@@ -367,15 +373,15 @@ def test_player_at_recorded_times_drives_the_nodes(
         options = {"run": run, "mode": "realtime", "start_timeout": PATIENCE_S}
         start(node.split("_")[0], "-r", f"__node:={node}", recorder=node.startswith("identifier"), **options)
     with AnyReader([folder]) as reader:
-        chosen = [one for one in reader.connections if one.topic == topic]
+        chosen = [connection for connection in reader.connections if connection.topic == topic]
         messages = [(log_ns, data) for _, log_ns, data in reader.messages(chosen)]
     before = payloads(folder.parent)
-    topics = [one for one in before if one.endswith(("/estimate", f"{nodes[0]}/setpoints"))]
+    topics = [topic_name for topic_name in before if topic_name.endswith(("/estimate", f"{nodes[0]}/setpoints"))]
     assert len(topics) == len(nodes)
     _play(topic, messages, 1 + len(nodes), lambda: _wait_for(tmp_path / "new", dict.fromkeys(topics, len(messages))))
     recorder.stop(signal.SIGINT)
     played = payloads(tmp_path, name="new")
-    assert [len(played[one]) for one in topics] == [len(messages)] * len(nodes)
+    assert [len(played[topic_name]) for topic_name in topics] == [len(messages)] * len(nodes)
     if name == "large":
         assert np.any(load(folder).issued["value"] != 0.0)
         assert played[topics[0]] == before[topics[0]]
@@ -431,9 +437,9 @@ def test_supervised_run_by_the_clock_is_replayed_to_the_bit(controller: str, tmp
     (tmp_path / "slow.py").write_text(SLOW)
     late = f"controllers=[{{name: slow, policy: {tmp_path / 'slow.py'}:Slow}}]"
     sets = {"indirect": ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"], "late": [late]}[controller]
-    given = [word for one in [*sets, "duration=4"] for word in ("--set", one)]
+    words = [word for setting in [*sets, "duration=4"] for word in ("--set", setting)]
     with opened():
-        status = main(["run", "two_area_deployment", "--mode", "realtime", *given, "--out", str(tmp_path / "run")])
+        status = main(["run", "two_area_deployment", "--mode", "realtime", *words, "--out", str(tmp_path / "run")])
     misses = json.loads((tmp_path / "run" / "result.json").read_text())["deadline_misses"]
     assert (status, misses > 5) == (0, controller == "late")
     assert main(["replay", str(tmp_path / "run" / "recording"), "--policy"]) == 0

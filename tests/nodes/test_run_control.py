@@ -86,7 +86,7 @@ def test_run_that_was_changed_under_way_is_its_recording_to_the_bit(start: Any, 
 
     case = load_case(None, SETS)
     record = load(tmp_path / "recording")
-    kinds = [(one.role, one.kind, one.name) for one in record.changes]
+    kinds = [(change.role, change.kind, change.name) for change in record.changes]
     assert sorted(kinds) == sorted(
         [
             *(("plant", kind, "") for kind in ("pause", "resume", "reset", *("step", "event") * 3)),
@@ -128,7 +128,7 @@ def test_events_that_are_asked_for_are_those_of_a_file_to_the_bit(start: Any, tm
     assert recorder.communicate(timeout=PATIENCE_S)[1] == ""
     assert [node.poll() for node in others] == [None] * 2
     record = load(tmp_path / "recording")
-    tick = next(one.tick for one in record.changes if one.kind == "event")
+    tick = next(change.tick for change in record.changes if change.kind == "event")
     listed = ", ".join(f"{{time: {tick_ns(tick, 60) / NANOSECONDS!r}, {row}}}" for row in rows)
     expected = loop.run(load_case(None, [*sets, f"scenario=[{listed}]"]))
     for name in ("frames", "machines", "devices", "issued", "applied"):

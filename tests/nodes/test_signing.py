@@ -126,5 +126,5 @@ def test_signed_graph_gives_the_bits_of_the_in_process_run(domain: int, tmp_path
     assert_same(load(outcome.recording), loop.run(case))
     messages = payloads(tmp_path / "out")
     for topic, kind in (("/pmu/frames", msg.PmuDataFrame), ("setpoints/delivered", msg.DeviceSetpoints)):
-        name = next(one for one in messages if one.endswith(topic))
+        name = next(topic_name for topic_name in messages if topic_name.endswith(topic))
         assert len(deserialize_message(messages[name][-1], kind).signature) == 44

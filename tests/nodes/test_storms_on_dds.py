@@ -41,7 +41,7 @@ def test_replay_knows_a_link_and_a_supervisor_that_were_started_again(domain: in
                 del killed[name]
 
     record: Any = assert_holds(case, "realtime", tmp_path / "graph", GONE_S, look).record
-    assert {one.role for one in record.changes if one.kind == "start"} == {"link", "supervisor"}
+    assert {change.role for change in record.changes if change.kind == "start"} == {"link", "supervisor"}
 
 
 def test_supervised_node_of_the_users_own_runs(domain: int, tmp_path: Path) -> None:

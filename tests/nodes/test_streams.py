@@ -116,17 +116,17 @@ def test_controller_in_shadow_does_what_the_one_in_the_graph_does(
 ) -> None:
     """Over a link with random delays, by its own seed; and another program's client gets the same values."""
     sets = [f"duration={SECONDS}", "link=pdci", "measurement=p_class", "controllers.0.signals=[frequency]"]
-    own, for_others = (
+    streamed, for_others = (
         start("c37118_server", run=RUN, set=json.dumps(sets), port=number, format=formats)
         for number, formats in ((port, "''"), (port + 1, FLOATS))
     )
-    for server in (own, for_others):
+    for server in (streamed, for_others):
         server.wait(lambda server=server: "serving" in server.texts()[0], PATIENCE_S)
     with (tmp_path / "theirs").open("w") as out:
         other = subprocess.Popen([sys.executable, "-u", "-c", THEIRS, str(port + 1)], stdout=out)
         try:
             file = streams(f"tcp://{HERE}:{port}/1")
-            there, shadow = both(sets, tmp_path, file, elsewhere, lambda: clients(own) == clients(for_others) == 1)
+            there, shadow = both(sets, tmp_path, file, elsewhere, lambda: clients(streamed) == clients(for_others) == 1)
         finally:
             other.kill()
             other.wait()
@@ -142,19 +142,28 @@ def test_controller_in_shadow_does_what_the_one_in_the_graph_does(
     assert np.abs(ours["value"] - theirs["value"]).max() < 1e-4 * limit
     seen = grid_pmus(load_case(RUN, []))
     for k in (1, 100, len(there.ticks) - 1):  # the values of floats of 32 bits
-        sent, came = (system_pmus.to_data(seen, one.frames[k], one.status[k]) for one in (there, shadow))
+        sent, came = (system_pmus.to_data(seen, record.frames[k], record.status[k]) for record in (there, shadow))
         np.testing.assert_allclose(came.phasors, sent.phasors, rtol=1e-7, atol=1e-7)
         np.testing.assert_allclose(came.analogs, sent.analogs, rtol=1e-7)
         np.testing.assert_allclose(came.frequency, sent.frequency, rtol=1e-7)
     lines = (tmp_path / "theirs").read_text().splitlines()
-    got = [json.loads(line) for line in lines if line.startswith("{")]
-    print(f"synchrophasor's client got {len(got)} of {len(there.ticks) - 1} frames")
-    assert len(got) > 60
-    told = np.stack([system_pmus.to_data(seen, *one).phasors for one in zip(there.frames, there.status, strict=True)])
-    phasors = np.array([[p for pmu in one["measurements"] for p in pmu["phasors"]] for one in got])
-    first = int(np.nanargmin(np.abs(told - phasors[0]).max(axis=(1, 2))))
-    frames = first + np.rint((np.array([one["time"] for one in got]) - got[0]["time"]) * 60).astype(int)
-    np.testing.assert_allclose(phasors, told[frames].astype(np.float32), rtol=1e-6)
+    frames_read = [json.loads(line) for line in lines if line.startswith("{")]
+    print(f"synchrophasor's client got {len(frames_read)} of {len(there.ticks) - 1} frames")
+    assert len(frames_read) > 60
+    phasors_told = np.stack(
+        [
+            system_pmus.to_data(seen, *frame_and_status).phasors
+            for frame_and_status in zip(there.frames, there.status, strict=True)
+        ]
+    )
+    phasors = np.array(
+        [[p for pmu in frame_read["measurements"] for p in pmu["phasors"]] for frame_read in frames_read]
+    )
+    first = int(np.nanargmin(np.abs(phasors_told - phasors[0]).max(axis=(1, 2))))
+    frames = first + np.rint(
+        (np.array([frame_read["time"] for frame_read in frames_read]) - frames_read[0]["time"]) * 60
+    ).astype(int)
+    np.testing.assert_allclose(phasors, phasors_told[frames].astype(np.float32), rtol=1e-6)
 
 
 def test_udp_streams_of_single_stations_give_the_frames_of_the_link(
@@ -169,13 +178,13 @@ def test_udp_streams_of_single_stations_give_the_frames_of_the_link(
     asked = re.compile(r"IDCODE (\d+): 0 frames, 1 clients")
     there, shadow = both(sets, tmp_path, file, elsewhere, lambda: len(set(asked.findall(server.texts()[0]))) == 5)
     first = int(there.delivered["measured_ns"].min())
-    found = 0
+    count = 0
     for row in there.delivered:
         k = round((row["measured_ns"] - first) * 60 / NANOSECONDS)
         if k < len(shadow.ticks) and shadow.measured_ns[k, row["pmu"]] != NEVER:
             np.testing.assert_allclose(shadow.frames[k, row["pmu"]], row["values"], rtol=1e-6, atol=1e-9)
-            found += 1
-    assert found > 0.9 * len(there.delivered)
+            count += 1
+    assert count > 0.9 * len(there.delivered)
 
 
 class Played:
@@ -205,8 +214,8 @@ def serve(port: int) -> Iterator[Callable[[int], Played]]:
         return begun[-1]
 
     yield begin
-    for one in begun[-1:]:
-        one.end()
+    for played in begun[-1:]:
+        played.end()
 
 
 def test_server_that_leaves_and_comes_back(domain: int, serve: Any, tmp_path: Path, port: int) -> None:
@@ -221,9 +230,9 @@ def test_server_that_leaves_and_comes_back(domain: int, serve: Any, tmp_path: Pa
 
     with ThreadPoolExecutor(1) as beside:
         restarted = beside.submit(restart)
-        given = ["--run", "two_area_supervised", "--set", "duration=7", "--timeout", str(LOADED_S)]
+        words = ["--run", "two_area_supervised", "--set", "duration=7", "--timeout", str(LOADED_S)]
         files = ["--out", str(tmp_path / "out"), "--json", str(tmp_path / "result.json")]
-        status = main(["pmu-listen", f"tcp://{HERE}:{port}", *given, *files])
+        status = main(["pmu-listen", f"tcp://{HERE}:{port}", *words, *files])
         restarted.result()
     assert status in (0, 3)  # 3: a loaded machine was behind when the run ended
     record, result = load(tmp_path / "out" / "recording"), json.loads((tmp_path / "result.json").read_text())
@@ -242,10 +251,10 @@ def test_flood_of_stream_data_does_not_stop_the_ticks() -> None:
     received: SimpleQueue[Any] = SimpleQueue()
     for k in range(1000):
         received.put((0, 0.0, k))
-    taken = MagicMock(take=MagicMock(return_value=""))
-    taken.following.left_s.return_value = 0.0
-    C37118Client.receive(SimpleNamespace(received=received, sources=taken))  # type: ignore[arg-type]
-    assert 0 < taken.take.call_count < 1000
+    sources = MagicMock(take=MagicMock(return_value=""))
+    sources.following.left_s.return_value = 0.0
+    C37118Client.receive(SimpleNamespace(received=received, sources=sources))  # type: ignore[arg-type]
+    assert 0 < sources.take.call_count < 1000
 
 
 @pytest.mark.parametrize(
@@ -268,7 +277,7 @@ def test_stream_that_does_not_fit_is_said(
     serve(1_700_000_000)
     path = tmp_path / "streams.yaml"
     path.write_text(json.dumps({"servers": [f"tcp://{HERE}:{port}"], **file}))
-    given = [one for text in sets for one in ("--set", text)]
+    words = [word for text in sets for word in ("--set", text)]
     assert_one_line(
-        1, ["pmu-listen", str(path), "--run", RUN, *given, "--out", str(tmp_path / "out")], expected, capsys
+        1, ["pmu-listen", str(path), "--run", RUN, *words, "--out", str(tmp_path / "out")], expected, capsys
     )

@@ -76,10 +76,10 @@ GRAPHS = {
 }
 
 
-def states(found: Record, controller: int = 0) -> list[tuple[str, str]]:
+def states(record: Record, controller: int = 0) -> list[tuple[str, str]]:
     """States one after the other, and why."""
-    own = found.supervision[found.supervision["controller"] == controller]
-    rows = [(STATES[row["state"]], cause_name(int(row["cause"]))) for row in own]
+    rows_of_controller = record.supervision[record.supervision["controller"] == controller]
+    rows = [(STATES[row["state"]], cause_name(int(row["cause"]))) for row in rows_of_controller]
     return [row for k, row in enumerate(rows) if k == 0 or row != rows[k - 1]]
 
 
@@ -166,8 +166,8 @@ def test_services_do_what_an_operator_asks_for_or_say_why_not(start: Any, client
     plant.communicate(timeout=PATIENCE_S)
     recorder.stop()
     record = load(tmp_path / "recording")
-    own = [(one.tick, one.kind) for one in record.changes if one.role == "supervisor"]
-    assert own == [(30, "probe"), (240, "arm"), (320, "reset"), (322, "disarm")]
+    changes = [(change.tick, change.kind) for change in record.changes if change.role == "supervisor"]
+    assert changes == [(30, "probe"), (240, "arm"), (320, "reset"), (322, "disarm")]
     assert states(record) == [
         *(("shadow", ""), ("armed", "operator"), ("tripped", "missing")),
         *(("shadow", "operator"), ("disarmed", "operator")),
@@ -199,9 +199,9 @@ def assert_messages(messages: dict[str, list[bytes]], record: Record) -> None:
     health = [
         status for data in messages["/diagnostics"] for status in deserialize_message(data, DiagnosticArray).status
     ]
-    found = {status.message.split(":")[0]: status.level for status in health if status.name == "supervisor"}
+    levels_found = {status.message.split(":")[0]: status.level for status in health if status.name == "supervisor"}
     levels = DiagnosticStatus.WARN, DiagnosticStatus.OK, DiagnosticStatus.WARN
-    assert found == dict(zip(("shadow", "armed", "disarmed"), levels, strict=True))
+    assert levels_found == dict(zip(("shadow", "armed", "disarmed"), levels, strict=True))
 
 
 def supervisor_logs(many: int) -> list[tuple[int, str]]:
@@ -258,13 +258,13 @@ def test_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_by_
     assert client(Trigger, "/supervisor/arm", Trigger.Request()).success
     record = run.finish()
     assert second.texts()[0] == ""
-    own = [(one.kind, one.tick) for one in record.changes if one.role == "supervisor"]
-    assert [kind for kind, _ in own] == ["start", "arm"]
-    began = own[0][1]
+    changes = [(change.kind, change.tick) for change in record.changes if change.role == "supervisor"]
+    assert [kind for kind, _ in changes] == ["start", "arm"]
+    began = changes[0][1]
     of_second = [(STATES[r["state"]], cause_name(int(r["cause"]))) for r in record.supervision if r["tick"] >= began]
     assert of_second[0] == ("shadow", "")
     assert ("armed", "operator") in of_second
-    release = next(one for one in summarise(record).releases if one.time_s > killed / 60)
+    release = next(released for released in summarise(record).releases if released.time_s > killed / 60)
     assert release.time_s < began / 60 + 0.3
     armed = record.supervision[record.supervision["state"] == STATES.index("armed")]["tick"]
     acts, armed_s = record.devices["reference"][:, 0] != 0.0, armed[armed >= began][0] / 60

@@ -41,9 +41,9 @@ def test_plant_that_is_slow_lets_go_by_the_clock(
 ) -> None:
     advance = LivePlant.advance
 
-    def slowly(self: LivePlant, *given: Any) -> None:
+    def slowly(self: LivePlant, *positional: Any) -> None:
         time.sleep(0.1 if self.tick > 90 else 0.0)
-        advance(self, *given)
+        advance(self, *positional)
 
     def strike(done: int, _of: int) -> None:
         if done > 90 and "wan_link" in started:

@@ -45,12 +45,12 @@ def test_product_of_matrices_and_vectors(n: int) -> None:
 @pytest.mark.parametrize("n", SIZES)
 def test_solution_of_real_and_complex_equations(n: int) -> None:
     a, b = drawn(n, n), drawn(n, 3)
-    given = a.copy(), b.copy()
+    copies = a.copy(), b.copy()
     np.testing.assert_allclose(a @ solve(a, b), b, atol=1e-11)
     np.testing.assert_allclose(solve(a, b[:, 0]), solve(a, b)[:, 0], rtol=0)
     np.testing.assert_allclose((a + 1j * a.T) @ solve(a + 1j * a.T, b), b, atol=1e-11)
-    assert np.array_equal(a, given[0])  # what is given stays as it is
-    assert np.array_equal(b, given[1])
+    assert np.array_equal(a, copies[0])  # what is given stays as it is
+    assert np.array_equal(b, copies[1])
 
 
 def test_rows_are_exchanged_where_a_pivot_is_small_and_singular_matrices_refused() -> None:
@@ -131,15 +131,15 @@ def test_eigenvalue_comes_to_all_its_digits_from_a_few(digits: int) -> None:
     part = drawn(6, 6)
     for a in (drawn(12, 12), np.block([[part, 0.1 * part.T], [0.1 * part.T, part]])):
         for value in np.linalg.eigvals(a):
-            found, right, left = eigenvalue_near(a, complex(np.round(value, digits)))
-            assert abs(found - value) < 1e-11
-            np.testing.assert_allclose(a @ right, found * right, atol=1e-11)
-            np.testing.assert_allclose(left @ a, found * left, atol=1e-11)
+            eigenvalue, right, left = eigenvalue_near(a, complex(np.round(value, digits)))
+            assert abs(eigenvalue - value) < 1e-11
+            np.testing.assert_allclose(a @ right, eigenvalue * right, atol=1e-11)
+            np.testing.assert_allclose(left @ a, eigenvalue * left, atol=1e-11)
 
 
 def test_guesses_that_differ_by_less_than_the_grid_give_the_same_bits() -> None:
     a = drawn(12, 12)
     value = complex(np.linalg.eigvals(a)[0])
-    one, other = eigenvalue_near(a, value), eigenvalue_near(a, value + 1e-10)
-    assert one[0] == other[0]
-    assert np.array_equal(one[1:], other[1:])
+    exact, other = eigenvalue_near(a, value), eigenvalue_near(a, value + 1e-10)
+    assert exact[0] == other[0]
+    assert np.array_equal(exact[1:], other[1:])

@@ -37,9 +37,9 @@ def test_of_two_numbers_the_bits_are_those_of_arrays() -> None:
     parts = random.choice([-1.0, 1.0], 6000) * 10.0 ** random.integers(-308, 308, 6000)
     z = np.where(random.random(6000) < 0.1, random.choice(special, 6000), parts).view(complex)
     for function in (phasors.times, phasors.over):
-        single = [function(one, other) for one, other in zip(z.tolist(), z[::-1].tolist(), strict=True)]
-        found, whole = np.array(single).view(float), function(z, z[::-1]).view(float)
-        assert np.all((found.view(int) == whole.view(int)) | (np.isnan(found) & np.isnan(whole)))
+        single = [function(number, other) for number, other in zip(z.tolist(), z[::-1].tolist(), strict=True)]
+        single_bits, whole = np.array(single).view(float), function(z, z[::-1]).view(float)
+        assert np.all((single_bits.view(int) == whole.view(int)) | (np.isnan(single_bits) & np.isnan(whole)))
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 7, 60])

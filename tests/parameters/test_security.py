@@ -52,10 +52,10 @@ def test_wrong_file_is_one_line(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "keys.yaml"
     path.write_text(text)
     path.chmod(0o600)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as raised:
         read_keys(path)
-    assert said in str(told.value)
-    assert "\n" not in str(told.value)
+    assert said in str(raised.value)
+    assert "\n" not in str(raised.value)
 
 
 def test_file_that_others_may_read_is_refused(tmp_path: Path) -> None:

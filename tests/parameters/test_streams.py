@@ -28,14 +28,14 @@ pmus:
 def test_whole_file(tmp_path: Path) -> None:
     path = tmp_path / "streams.yaml"
     path.write_text(WHOLE)
-    found = read_streams(str(path))
-    assert [server(text) for text in found.servers] == [
+    streams_read = read_streams(str(path))
+    assert [server(text) for text in streams_read.servers] == [
         Server("tcp", spontaneous=False, host="pdc.example.org", port=4712, idcode=7),
         Server("udp", spontaneous=True, host="239.255.0.37", port=4713, idcode=1),
     ]
-    assert (found.wait, found.pmus["TIE"].pmu, found.pmus["G1"].pmu) == (0.1, 23, "GENERATOR 1")
-    assert found.pmus["G1"].voltage is not None
-    assert found.pmus["G1"].voltage.channel == "V1LPM"
+    assert (streams_read.wait, streams_read.pmus["TIE"].pmu, streams_read.pmus["G1"].pmu) == (0.1, 23, "GENERATOR 1")
+    assert streams_read.pmus["G1"].voltage is not None
+    assert streams_read.pmus["G1"].voltage.channel == "V1LPM"
 
 
 @pytest.mark.parametrize(
@@ -65,11 +65,11 @@ def test_address_is_what_it_was_written_as(text: str) -> None:
 def test_invalid_stream_file_is_refused_in_one_line(tmp_path: Path, content: str, said: str) -> None:
     path = tmp_path / "streams.yaml"
     path.write_text(content)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as raised:
         read_streams(str(path))
-    assert said in str(told.value)
-    assert "\n" not in str(told.value)
-    assert "allowed" in str(told.value)
+    assert said in str(raised.value)
+    assert "\n" not in str(raised.value)
+    assert "allowed" in str(raised.value)
 
 
 def test_missing_stream_file_is_refused_with_what_is_allowed() -> None:

@@ -26,8 +26,8 @@ CONTENT = st.recursive(SCALARS, lambda inner: st.lists(inner) | st.dictionaries(
     ],
 )
 def test_plain_words_are_those_of_the_core_schema(text: str, value: Any) -> None:
-    found = parse(text)
-    assert (found, type(found)) == (value, type(value))
+    parsed = parse(text)
+    assert (parsed, type(parsed)) == (value, type(value))
 
 
 @pytest.mark.parametrize(

@@ -93,10 +93,10 @@ def frame_times(end: float, rate: int = FRAMES) -> list[float]:
 
 def table(targets: Targets) -> NDArray[Any]:
     """Setpoints as a link delivers them."""
-    made = np.zeros(len(targets), SETPOINT)
+    setpoints = np.zeros(len(targets), SETPOINT)
     for i, (time, value, *device) in enumerate(targets):
-        made[i]["effective_ns"], made[i]["value"], made[i]["device"] = to_ns(time), value, sum(device)
-    return made
+        setpoints[i]["effective_ns"], setpoints[i]["value"], setpoints[i]["device"] = to_ns(time), value, sum(device)
+    return setpoints
 
 
 def follow(built: Built, times: Iterable[float], targets: Targets = (), x: NDArray[np.float64] | None = None) -> Trace:

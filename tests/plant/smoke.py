@@ -29,17 +29,17 @@ def _quiet(_name: str, _what: str) -> Callable[[int, int], None]:
 
 def damps(device: dict[str, Any], signal: str = "w_area_1_area_2", damping: float = 0.1) -> design.Design:
     """Assert that the design for two_area reaches its damping ratio, and that the ITAE of a run falls by half."""
-    own = [row.model_dump(by_alias=True, exclude_none=True) for row in shipped("two_area").devices]
-    sets = [f"devices={json.dumps([*own, device])}"]
+    devices = [row.model_dump(by_alias=True, exclude_none=True) for row in shipped("two_area").devices]
+    sets = [f"devices={json.dumps([*devices, device])}"]
     task = design.Task("two_area", sets, damping, 0.1, place=device["name"], signal=signal, kinds=())
-    found = design.design(task, 1, _quiet)
-    assert found.tuned.reached
-    run = {**found.run, "system": found.content, "scenario": SCENARIO, "duration": 15.0}
+    designed = design.design(task, 1, _quiet)
+    assert designed.tuned.reached
+    run = {**designed.run, "system": designed.content, "scenario": SCENARIO, "duration": 15.0}
     controlled: Any = summarise(loop.run(make_case(run, "test")))
     free: Any = summarise(loop.run(make_case({**run, "controllers": []}, "test")))
     assert controlled.stable
     assert controlled.indices["ITAE"] < 0.5 * free.indices["ITAE"]
-    return found
+    return designed
 
 
 def follows_linear_model(built: Built, u: float = 1e-3, seconds: float = 1.0, within: float = 2e-3) -> None:

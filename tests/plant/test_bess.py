@@ -47,8 +47,8 @@ def charge(built: Built, trace: Trace) -> NDArray[np.float64]:
 def two_area(**fields: Any) -> Any:
     """The two areas with a battery at bus 9 and their own devices."""
     system = shipped("two_area")
-    given = row("B9", **{"setpoint_max": 1.0, "rate_max": 10.0, **fields})
-    return changed(system, devices=[*(d.model_dump(by_alias=True) for d in system.devices), given])
+    device = row("B9", **{"setpoint_max": 1.0, "rate_max": 10.0, **fields})
+    return changed(system, devices=[*(d.model_dump(by_alias=True) for d in system.devices), device])
 
 
 @pytest.mark.parametrize(("u", "slope"), [(1.5, -1.5 / 0.9), (-1.5, 1.5 * 0.8), (4.0, -2.0 / 0.9), (-4.0, 2.0 * 0.8)])
@@ -95,11 +95,11 @@ def test_energy_is_conserved(fault: bool) -> None:
     P = trace.devices["active_power"][:, 0]
     inside = np.where(P > 0.0, P / 0.9, 0.85 * P)
     pieces = [(times >= a) & (times < b) for a, b in ((0, 0.4), (0.4, 0.5))] + [times >= 0.5]
-    given = sum(simpson(inside[k], x=times[k]) for k in pieces)
+    delivered = sum(simpson(inside[k], x=times[k]) for k in pieces)
     ends = sum(inside[k][-1] * (times[times > times[k][-1]][0] - times[k][-1]) for k in pieces[:2])
     moved = charge(built, trace)[-1] - 0.5
     assert np.abs(inside).mean() > 0.3
-    assert moved * HOUR * 0.1 / 100.0 == pytest.approx(-(given + ends), abs=2e-5)
+    assert moved * HOUR * 0.1 / 100.0 == pytest.approx(-(delivered + ends), abs=2e-5)
 
 
 @pytest.mark.parametrize("u", [0.0, 1.2, -1.9, 2.5])
@@ -110,7 +110,7 @@ def test_voltage_support_is_a_droop_within_what_the_rating_leaves(u: float, V: f
     built = plant(system, installed=["bess"])
     built.plant.infinite[0] *= V
     trace = follow(built, [0.0, 0.1], [(0.0, u)])
-    device, found = trace.devices[-1, 0], float(trace.frames[-1, 2, VOLTAGE])
+    device, voltage = trace.devices[-1, 0], float(trace.frames[-1, 2, VOLTAGE])
     P = float(np.clip(u, -2.0, 2.0))
     room = np.sqrt(4.0 - P * P)
 
@@ -122,7 +122,7 @@ def test_voltage_support_is_a_droop_within_what_the_rating_leaves(u: float, V: f
         return abs(size - 1j * SPUR * complex(P, -Q(size)) / size) ** 2 - V * V
 
     expected = brentq(rest, 0.7, 1.4, xtol=1e-14)
-    assert found == pytest.approx(expected, abs=1e-9)
+    assert voltage == pytest.approx(expected, abs=1e-9)
     assert device["active_power"] == pytest.approx(P, abs=1e-9)
     assert device["reactive_power"] == pytest.approx(Q(expected), abs=1e-7)
     assert np.hypot(device["active_power"], device["reactive_power"]) <= 2.0 + 1e-9
@@ -149,8 +149,8 @@ def test_lqg_leaves_the_charge_out() -> None:
     step = {"time": 0.5, "kind": "load_step", "load": "load_2", "change": -0.02}
     run = {"system": system, "devices": ["bess"], "scenario": [step], "duration": 15.0}
     controlled, free = (loop.run(make_case({**run, "controllers": some}, "test")) for some in ([controller], []))
-    other, own = (summarise(record).indices or {} for record in (free, controlled))
-    assert own["ITAE"] < 0.5 * other["ITAE"]
+    other, indices = (summarise(record).indices or {} for record in (free, controlled))
+    assert indices["ITAE"] < 0.5 * other["ITAE"]
 
 
 @pytest.mark.parametrize(

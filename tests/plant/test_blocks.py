@@ -47,7 +47,7 @@ DATA = {
 VOLTAGE, FIELD, POWER = 1.02, 1.8, 0.8  # p.u., of the start
 
 
-def made(model: str, **changes: float) -> Any:
+def control_of(model: str, **changes: float) -> Any:
     """The parameters of a control."""
     values = dict(zip(MODELS[model].fields.split(), map(float, DATA[model].split()), strict=True))
     return BLOCK_CONTROLS[model](machine="G1", model=model, **{**values, **changes})
@@ -77,11 +77,11 @@ def response(data: Any, signals: str, s: complex) -> complex:
     values[SENSED.index("none")] = 0.0
 
     def move(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        own, dx, x = values.copy(), np.zeros(n), np.ascontiguousarray(z[:n])
-        own[moved] += z[n]
-        blocks.outputs(control.rows, 0, len(control.rows), at, x, own)
-        blocks.derivatives(control.rows, 0, len(control.rows), x, own, dx)
-        return np.append(dx, own[gives])
+        outputs, dx, x = values.copy(), np.zeros(n), np.ascontiguousarray(z[:n])
+        outputs[moved] += z[n]
+        blocks.outputs(control.rows, 0, len(control.rows), at, x, outputs)
+        blocks.derivatives(control.rows, 0, len(control.rows), x, outputs, dx)
+        return np.append(dx, outputs[gives])
 
     moved, z = [SENSED.index(name) for name in signals.split("+")], np.append(rest.states, 0.0)
     slopes = np.array([(move(z + 1e-6 * e) - move(z - 1e-6 * e)) / 2e-6 for e in np.eye(n + 1)]).T
@@ -252,7 +252,7 @@ def test_table_of_transfer_functions_covers_all_control_models() -> None:
 def test_control_is_the_transfer_function_of_its_standard(
     model: str, signals: str, expected: Callable[[complex, Any], complex], hertz: float
 ) -> None:
-    data, s = made(model), 2j * np.pi * hertz
+    data, s = control_of(model), 2j * np.pi * hertz
     assert response(data, signals, s) == pytest.approx(expected(s, data), rel=1e-5, abs=1e-7)
 
 
@@ -262,14 +262,14 @@ def test_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
     needed = {"T3", "TA", "TE", "TM", "TF1"}
     times = [name for name in MODELS[model].fields.split() if name[0] == "T" and name not in ("TATB", "THETAP")]
     fast = {name: 0.0 for name in times if name not in needed}
-    plain, quick = block_controls.control(made(model)), block_controls.control(made(model, **fast))
+    plain, quick = block_controls.control(control_of(model)), block_controls.control(control_of(model, **fast))
     assert len(quick.states) < len(plain.states)
     assert sorted(quick.gives) == sorted(plain.gives)
 
 
 def test_control_models_start_at_rest_within_their_limits() -> None:
     for model in MODELS:
-        data = made(model)
+        data = control_of(model)
         control, rest = at_rest(data)
         assert rest.violations == []
         values, dx = np.zeros(len(SENSED) + len(control.rows)), np.ones(len(rest.states))
@@ -280,14 +280,14 @@ def test_control_models_start_at_rest_within_their_limits() -> None:
         blocks.outputs(control.rows, 0, len(control.rows), len(SENSED), rest.states, values)
         blocks.derivatives(control.rows, 0, len(control.rows), rest.states, values, dx)
         assert np.abs(dx).max() < 1e-8
-        given = values[len(SENSED) + control.gives.index(GIVES[MODELS[model].role])]
-        assert given == pytest.approx({"exciter": FIELD, "governor": POWER, "stabiliser": 0.0}[MODELS[model].role])
+        output = values[len(SENSED) + control.gives.index(GIVES[MODELS[model].role])]
+        assert output == pytest.approx({"exciter": FIELD, "governor": POWER, "stabiliser": 0.0}[MODELS[model].role])
 
 
 @given(st.lists(st.floats(-50.0, 50.0), min_size=5, max_size=40))
 def test_limited_state_stays_within_its_limits_and_leaves_them_at_once(errors: list[float]) -> None:
     """It does not wind up: where the input turns, so does the state."""
-    data = made("IEEEX1", TB=0.0, TC=0.0, KF=0.0)
+    data = control_of("IEEEX1", TB=0.0, TC=0.0, KF=0.0)
     control, rest = at_rest(data)
     x, dx, values = rest.states.copy(), np.zeros(len(rest.states)), np.zeros(len(SENSED) + len(control.rows))
     values[SENSED.index("one")] = 1.0
@@ -305,18 +305,18 @@ def test_limited_state_stays_within_its_limits_and_leaves_them_at_once(errors: l
 
 
 def test_integral_of_a_pid_stops_at_its_limit_and_leaves_it_at_once() -> None:
-    data = made("DC4B", KA=2.0)
+    data = control_of("DC4B", KA=2.0)
     control, rest = at_rest(data)
     x, dx, values = rest.states.copy(), np.zeros(len(rest.states)), np.zeros(len(SENSED) + len(control.rows))
     values[SENSED.index("one")] = 1.0
-    own = control.states.index("integral")
-    x[own] = data.VRMAX / data.KA
+    integral = control.states.index("integral")
+    x[integral] = data.VRMAX / data.KA
     for error, slope in ((0.1, 0.0), (-0.1, -0.1 * data.KI)):
         x[control.states.index("VT")] = rest.reference - error
         values[SENSED.index("Vref")] = rest.reference
         blocks.outputs(control.rows, 0, len(control.rows), len(SENSED), x, values)
         blocks.derivatives(control.rows, 0, len(control.rows), x, values, dx)
-        assert dx[own] == pytest.approx(slope)
+        assert dx[integral] == pytest.approx(slope)
 
 
 @pytest.mark.parametrize(
@@ -330,7 +330,7 @@ def test_rectifier_is_that_of_the_standard(loading: float, fraction: float) -> N
 
 def test_source_of_a_compound_exciter_is_that_of_the_standard() -> None:
     """VE = |KP V + j (KI + KP XL) I|, KP at the angle THETAP."""
-    data = made("ESST3A", KI=0.435, XL=0.0098, THETAP=3.33, KC=0.01)
+    data = control_of("ESST3A", KI=0.435, XL=0.0098, THETAP=3.33, KC=0.01)
     control, rest = at_rest(data, Vd=0.3, Vq=0.97)
     values = np.zeros(len(SENSED) + len(control.rows))
     for name, value in {"one": 1.0, **sensed(Vd=0.3, Vq=0.97), "Vref": rest.reference}.items():
@@ -343,10 +343,10 @@ def test_source_of_a_compound_exciter_is_that_of_the_standard() -> None:
 
 def test_invalid_data_of_a_control_model_are_refused() -> None:
     with pytest.raises(InputError, match=r"ESST3A of G1: an algebraic loop: .*; allowed: a time constant above 0"):
-        block_controls.control(made("ESST3A", TM=0.0))
+        block_controls.control(control_of("ESST3A", TM=0.0))
     with pytest.raises(ValueError, match=r"TA must be 0 or at least 0.002 s, given 0.001"):
-        made("IEEEX1", TA=0.001)
-    _, rest = at_rest(made("IEEEX1", VRMAX=1.0))
+        control_of("IEEEX1", TA=0.001)
+    _, rest = at_rest(control_of("IEEEX1", VRMAX=1.0))
     (violation,) = rest.violations
     assert str(violation).startswith("exciters: G1: IEEEX1: VR is ")
     assert str(violation).endswith(" p.u. at the start; allowed by its limits: -10 to 1")
@@ -355,6 +355,6 @@ def test_invalid_data_of_a_control_model_are_refused() -> None:
 
 def test_blocks_fit_into_their_rows() -> None:
     for model in MODELS:
-        control = block_controls.control(made(model))
+        control = block_controls.control(control_of(model))
         assert control.rows["inputs"].max() <= blocks.MAX_INPUTS
         assert len(set(control.states)) == len(control.states)

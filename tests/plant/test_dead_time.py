@@ -39,12 +39,12 @@ def test_setpoints_act_after_the_dead_time_to_the_nanosecond() -> None:
 
 def test_dead_time_is_as_the_link_s_way_down() -> None:
     """A closed loop with 13 ms in the device, and one with 13 ms on the way to it: the same to the last bit."""
-    own = ["scenario=large", "duration=3", "watchdog=off"]
-    one = loop.run(load_case(None, [*own, "system.devices.0.dead_time=0.013"]))
-    other = loop.run(load_case(None, [*own, 'link={"down": [{"model": "constant", "delay": 0.013}]}']))
-    assert np.ptp(one.devices["reference"]) > 0.05
-    np.testing.assert_array_equal(one.machines, other.machines)
-    np.testing.assert_array_equal(one.devices["reference"], other.devices["reference"])
+    sets = ["scenario=large", "duration=3", "watchdog=off"]
+    in_device = loop.run(load_case(None, [*sets, "system.devices.0.dead_time=0.013"]))
+    other = loop.run(load_case(None, [*sets, 'link={"down": [{"model": "constant", "delay": 0.013}]}']))
+    assert np.ptp(in_device.devices["reference"]) > 0.05
+    np.testing.assert_array_equal(in_device.machines, other.machines)
+    np.testing.assert_array_equal(in_device.devices["reference"], other.devices["reference"])
 
 
 def test_flood_is_thinned_and_its_last_setpoint_acts_when_it_should() -> None:
@@ -56,10 +56,10 @@ def test_flood_is_thinned_and_its_last_setpoint_acts_when_it_should() -> None:
     times.sort()
     trace = follow(built, times, list(zip(sent.tolist(), values.tolist(), strict=True)))
     newest = np.searchsorted(sent, times - 0.002 + 1e-9, side="right")
-    found = trace.devices["setpoint"][:, 0]
-    assert (found <= np.append(0.0, values)[newest] + 1e-15).all()
-    assert len(set(found)) > 10
-    assert found[times > sent[-1] + 0.002].min() == values[-1]
+    references = trace.devices["setpoint"][:, 0]
+    assert (references <= np.append(0.0, values)[newest] + 1e-15).all()
+    assert len(set(references)) > 10
+    assert references[times > sent[-1] + 0.002].min() == values[-1]
 
 
 @pytest.mark.parametrize("T", [0.0004, 0.02])
@@ -74,18 +74,18 @@ def test_response_is_that_of_a_first_order_lag_to_the_ramp(T: float) -> None:
         t = np.maximum(t, 0.0)
         return RATE * (t - T * (1.0 - np.exp(-t / T)))
 
-    found = trace.x[:, built.state_names.index("sssc.reference")]
-    np.testing.assert_allclose(found, ramp(times - start) - ramp(times - end), rtol=0, atol=2e-8)
+    reference = trace.x[:, built.state_names.index("sssc.reference")]
+    np.testing.assert_allclose(reference, ramp(times - start) - ramp(times - end), rtol=0, atol=2e-8)
     # The converter acts on that, not on the ramp: its voltage follows within its own few per cent of error.
     wanted = trace.devices["injected_voltage"][:, 0]
-    np.testing.assert_allclose(wanted, found, rtol=0, atol=5e-3)
+    np.testing.assert_allclose(wanted, reference, rtol=0, atol=5e-3)
 
 
 @pytest.mark.parametrize("dead", [0.0, 0.06])
 def test_release_waits_for_nothing_and_what_is_under_way_acts_no_more(dead: float) -> None:
     """Setpoints each 10 ms until 0.1 s, time-out 50 ms: to zero from 0.15 s on, whatever was under way."""
-    own = np.array([watchdog.settings(Watchdog(timeout=0.05, max_age=10.0, release_rate=0.2), 60)])
-    built = build(with_device("sssc", dead_time=dead, response_time=0.01), ["sssc"], [], own)
+    settings = np.array([watchdog.settings(Watchdog(timeout=0.05, max_age=10.0, release_rate=0.2), 60)])
+    built = build(with_device("sssc", dead_time=dead, response_time=0.01), ["sssc"], [], settings)
     state, work = copy(built.state), workspace(built.plant, built.state)
     setpoints = table([(0.01 * k, 0.01 * k) for k in range(1, 11)])
     setpoints["measured_ns"] = setpoints["issued_ns"] = setpoints["effective_ns"]
@@ -117,11 +117,11 @@ def test_modes_know_both() -> None:
     )
     assert "sssc.reference" in late.built.state_names
     assert np.abs(np.linalg.eigvals(linearise(late.built)[0]) + 1.0 / T).min() < 1e-9
-    for one, other in zip(plain.swings, late.swings, strict=True):
-        value = one.eigenvalue
+    for mode, other in zip(plain.swings, late.swings, strict=True):
+        value = mode.eigenvalue
         assert abs(value - other.eigenvalue) < 1e-7
         by = np.exp(-value * dead) / (1.0 + value * T)
-        for r, s in zip(one.residues, other.residues, strict=True):
+        for r, s in zip(mode.residues, other.residues, strict=True):
             if plain.system.signals[r.signal].channel == "frequency":
                 continue  # an exact one leaves out the jump of an angle, which a lag makes a part of the swing
             assert s.magnitude == pytest.approx(r.magnitude * abs(by), rel=1e-5)
@@ -136,9 +136,9 @@ def test_modes_know_both() -> None:
 def test_linear_closed_loop_has_the_dead_time_as_delay() -> None:
     """50 ms in the device as 50 ms more on the link; the controllers know of both."""
     link = 'link={"up": [{"model": "constant", "delay": 0.03}]}'
-    one = load_case(None, [link, "system.devices.0.dead_time=0.05", "system.devices.0.response_time=0.02"])
+    in_device = load_case(None, [link, "system.devices.0.dead_time=0.05", "system.devices.0.response_time=0.02"])
     other = load_case(None, [link, "system.devices.0.response_time=0.02"])
-    np.testing.assert_array_equal(sampled(delayed_loop(one), 0.03), sampled(delayed_loop(other), 0.08))
+    np.testing.assert_array_equal(sampled(delayed_loop(in_device), 0.03), sampled(delayed_loop(other), 0.08))
     lqg = ["controllers=[{name: LQG, devices: [sssc], signals: [w13]}]", link, "system.devices.0.dead_time=0.05"]
     assert load_case(None, lqg).controllers[0].number("loop_delay") == pytest.approx(0.08)
 
@@ -147,7 +147,7 @@ def together(parts: DelayedLoop, dead: tuple[float, float]) -> DelayedLoop:
     """The two controllers of a loop as one of two devices with dead times."""
     first, second = parts.controllers
     zero = np.zeros((1, 1))
-    one = Discrete(
+    merged = Discrete(
         np.block([[first.A, zero], [zero, second.A]]),
         np.block([[first.B, zero], [zero, second.B]]),
         np.block([[first.C, zero], [zero, second.C]]),
@@ -157,7 +157,7 @@ def together(parts: DelayedLoop, dead: tuple[float, float]) -> DelayedLoop:
         0.0,
         dead,
     )
-    return parts._replace(controllers=[one])
+    return parts._replace(controllers=[merged])
 
 
 @pytest.mark.parametrize("lag", [0.013, 0.07])
@@ -169,6 +169,6 @@ def test_devices_of_one_controller_have_their_own_dead_times(lag: float) -> None
         [sampled(x, 0.04) for x in (parts, whole)],
         [approximate(x, 0.04, 2, 0.01) for x in (parts, whole)],
     ):
-        apart, one = (np.linalg.eigvals(matrix) for matrix in matrices)
+        apart, of_one_controller = (np.linalg.eigvals(matrix) for matrix in matrices)
         for value in apart[np.abs(apart) > 1e-2]:
-            assert np.abs(one - value).min() < 1e-9
+            assert np.abs(of_one_controller - value).min() < 1e-9

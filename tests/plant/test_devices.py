@@ -54,7 +54,7 @@ def system(name: str = "two_area") -> System:
     return place(changed(shipped(name), devices=[*shipped_rows, *rows]))
 
 
-def own(built: Built, name: str) -> list[int]:
+def states_of(built: Built, name: str) -> list[int]:
     """Where a device's states are."""
     return [i for i, state in enumerate(built.state_names) if state.startswith(f"{name}.")]
 
@@ -68,8 +68,8 @@ def test_device_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     dx = np.full_like(x, np.nan)
     devices.derivatives(int(d["kind"]), d, x, 0.01, size, dx)
     devices.other_derivatives(int(d["kind"]), d, x, 0.01, size, dx)
-    assert list(np.flatnonzero(np.isfinite(dx))) == own(built, f"{kind}_1")
-    assert len(own(built, f"{kind}_1")) == d["states"] == len(TABLE[kind].states)
+    assert list(np.flatnonzero(np.isfinite(dx))) == states_of(built, f"{kind}_1")
+    assert len(states_of(built, f"{kind}_1")) == d["states"] == len(TABLE[kind].states)
     assert np.isfinite(devices.characteristic(int(d["kind"]), d, x, 0.01, size)).all()
     two = TABLE[kind].other_end is not None
     assert np.isfinite(devices.other_characteristic(int(d["kind"]), d, x, 0.01, size)[0]) == two == (d["other"] > 0)
@@ -106,17 +106,17 @@ def test_setpoints_are_limited_ramped_and_recorded(kind: str) -> None:
 def test_two_of_a_kind_act_alike_in_any_order(kind: str) -> None:
     """Rows, states and setpoints go with the device, not with its place in the list."""
     names = [f"{kind}_1", f"{kind}_2"]
-    found = {}
+    courses = {}
     for order in permutations(names):
         built = plant(system(), STEP, installed=order)
         targets = {names[0]: 0.02, names[1]: -0.01}
         trace = follow(built, frame_times(1), [(0.1, targets[name], d) for d, name in enumerate(order)])
         assert trace.sound.all()
-        found[order] = (
+        courses[order] = (
             {state: trace.x[:, i] for i, state in enumerate(built.state_names)},
             {name: trace.devices[:, d] for d, name in enumerate(order)},
         )
-    (first, truth), (second, other) = found.values()
+    (first, truth), (second, other) = courses.values()
     for state, course in first.items():
         np.testing.assert_allclose(course, second[state], rtol=0, atol=1e-8)
     for name in names:

@@ -33,8 +33,8 @@ def test_dc_link_recovers_within_100_ms(vdc: float, setpoint: float) -> None:
     """Within 3 % after 50 ms and 0.5 % after 100 ms."""
     built = plant("two_area")
     trace = follow(built, frame_times(1, 1000), [(0.0, setpoint)], x=moved(built, {"sssc.vdc": vdc}))
-    found = trace.devices["dc_voltage"][:, 0]
-    assert found[0] == vdc
-    assert np.abs(found[50:] - 1).max() < 0.03
-    assert np.abs(found[100:] - 1).max() < 0.005
-    assert found[-1] == pytest.approx(1, abs=1e-5)
+    dc_voltage = trace.devices["dc_voltage"][:, 0]
+    assert dc_voltage[0] == vdc
+    assert np.abs(dc_voltage[50:] - 1).max() < 0.03
+    assert np.abs(dc_voltage[100:] - 1).max() < 0.005
+    assert dc_voltage[-1] == pytest.approx(1, abs=1e-5)

@@ -73,9 +73,9 @@ def test_event_acts_from_its_instant_on(kind: str) -> None:
 
 def test_line_that_goes_out_and_comes_in_leaves_no_trace() -> None:
     rows = [at(1.0, "line_out", line="line_2"), at(2.0, "line_in", line="line_2")]
-    found = topology_intervals(shipped("two_area"), events(*rows))
-    assert [s.start_ns for s in found] == [0, SECOND, 2 * SECOND]
-    assert [s.topology.lines_out for s in found] == [frozenset(), {"line_2"}, frozenset()]
+    intervals = topology_intervals(shipped("two_area"), events(*rows))
+    assert [s.start_ns for s in intervals] == [0, SECOND, 2 * SECOND]
+    assert [s.topology.lines_out for s in intervals] == [frozenset(), {"line_2"}, frozenset()]
 
 
 def test_steps_are_relative_to_the_start() -> None:
@@ -90,9 +90,11 @@ def test_steps_are_relative_to_the_start() -> None:
         at(6.0, "mechanical_power_step", machine="G1", change=0.5),
     ]
     built = plant("two_area", *rows)
-    found = topology_intervals(shipped("two_area"), events(*rows))
-    assert [s.topology.load_scale.get("load_2", 1.0) for s in found] == pytest.approx([1, 0.9, 1.2, 1.2, 1.2, 1.2, 1.2])
-    assert [s.topology.load_scale.get("load_1", 1.0) for s in found] == pytest.approx([1, 1, 1, 1, 1, 1.3, 1.3])
+    intervals = topology_intervals(shipped("two_area"), events(*rows))
+    assert [s.topology.load_scale.get("load_2", 1.0) for s in intervals] == pytest.approx(
+        [1, 0.9, 1.2, 1.2, 1.2, 1.2, 1.2]
+    )
+    assert [s.topology.load_scale.get("load_1", 1.0) for s in intervals] == pytest.approx([1, 1, 1, 1, 1, 1.3, 1.3])
     power = built.plant.mechanical_power
     np.testing.assert_allclose(power[:, 0] / power[0, 0], [1, 1, 1, 1.1, 1, 1, 1.5], rtol=1e-14)
     np.testing.assert_allclose(power[:, 1] / power[0, 1], [1, 1, 1, 1, 1, 0.8, 0.8], rtol=1e-14)
@@ -101,8 +103,8 @@ def test_steps_are_relative_to_the_start() -> None:
 
 def test_order_in_the_list_is_of_no_account() -> None:
     rows = [at(t, "load_step", load="load_1", change=c) for t, c in ((3.0, 0.3), (1.0, 0.1), (2.0, 0.2))]
-    found = topology_intervals(shipped("two_area"), events(*rows))
-    assert [s.topology.load_scale.get("load_1", 1.0) for s in found] == pytest.approx([1, 1.1, 1.2, 1.3])
+    intervals = topology_intervals(shipped("two_area"), events(*rows))
+    assert [s.topology.load_scale.get("load_1", 1.0) for s in intervals] == pytest.approx([1, 1.1, 1.2, 1.3])
 
 
 def test_events_at_one_instant_are_one_stage() -> None:
@@ -111,10 +113,10 @@ def test_events_at_one_instant_are_one_stage() -> None:
         at(1.0, "line_out", line="line_2"),
         at(0.0, "line_out", line="line_1"),
     ]
-    found = topology_intervals(shipped("two_area"), events(*rows[:2]))
-    assert [s.start_ns for s in found] == [0, SECOND]
-    assert dict(found[1].topology.load_scale) == {"load_1": 1.1}
-    assert found[1].topology.lines_out == {"line_2"}
+    intervals = topology_intervals(shipped("two_area"), events(*rows[:2]))
+    assert [s.start_ns for s in intervals] == [0, SECOND]
+    assert dict(intervals[1].topology.load_scale) == {"load_1": 1.1}
+    assert intervals[1].topology.lines_out == {"line_2"}
     (only,) = topology_intervals(shipped("two_area"), events(rows[2]))
     assert only.topology.lines_out == {"line_1"}
 
@@ -145,8 +147,8 @@ def test_fault_with_a_duration_is_a_fault_and_a_clear(place: dict[str, Any], imp
 
 def test_timeline_names_the_event_that_a_clearing_belongs_to() -> None:
     rows = [at(2.0, "load_step", load="load_1", change=0.1), at(1.0, "fault", bus="B9", duration=0.5)]
-    found = [(change.time_ns, change.where, change.event.kind) for change in timeline(events(*rows))]
-    assert found == [
+    changes = [(change.time_ns, change.where, change.event.kind) for change in timeline(events(*rows))]
+    assert changes == [
         (SECOND, "events.1", "fault"),
         (3 * SECOND // 2, "events.1.duration", "clear"),
         (2 * SECOND, "events.0", "load_step"),
@@ -249,12 +251,12 @@ REFUSED: list[tuple[list[dict[str, Any]], str, str, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("rows", "where", "given", "allowed"), REFUSED)
-def test_impossible_event_is_refused(rows: list[dict[str, Any]], where: str, given: str, allowed: str) -> None:
+@pytest.mark.parametrize(("rows", "where", "problem", "allowed"), REFUSED)
+def test_impossible_event_is_refused(rows: list[dict[str, Any]], where: str, problem: str, allowed: str) -> None:
     message = refusal(*rows)
-    assert re.match(rf"{re.escape(where)}: {given} given", message), message
+    assert re.match(rf"{re.escape(where)}: {problem} given", message), message
     assert allowed in message.partition("allowed: ")[2]
-    assert given.strip("'") not in message.partition("allowed: ")[2].split(", ")
+    assert problem.strip("'") not in message.partition("allowed: ")[2].split(", ")
 
 
 def test_line_is_not_taken_for_the_bus_of_its_name() -> None:

@@ -39,25 +39,25 @@ def test_books_equations_with_exciters_are_those_of_the_file(name: str) -> None:
 
 def test_books_equations_with_thyristor_exciters_give_the_books_eigenvalues() -> None:
     """As far as these can be read off the plot that quotes them: to 0.002 and 0.02 1/s."""
-    found = kundur_circuits.swings(shipped("kundur_12_6_thyristor"))
-    assert [v.real for v in found] == pytest.approx([v.real for v in PRINTED], rel=0, abs=0.002)
-    assert [v.imag for v in found] == pytest.approx([v.imag for v in PRINTED], rel=0, abs=0.02)
+    values_found = kundur_circuits.swings(shipped("kundur_12_6_thyristor"))
+    assert [v.real for v in values_found] == pytest.approx([v.real for v in PRINTED], rel=0, abs=0.002)
+    assert [v.imag for v in values_found] == pytest.approx([v.imag for v in PRINTED], rel=0, abs=0.02)
 
 
 @pytest.mark.parametrize("name", kundur_circuits.SYSTEMS)
 def test_without_saturation_the_plant_with_exciters_has_the_books_equations(name: str) -> None:
-    found = kundur_circuits.eigenvalues(shipped(name), None)
+    values_found = kundur_circuits.eigenvalues(shipped(name), None)
     fields = [{**load.model_dump(), "P_fractions": CURRENT, "Q_fractions": IMPEDANCE} for load in shipped(name).loads]
     ours = np.asarray(np.linalg.eigvals(linearise(plant(changed(shipped(name), loads=fields)))[0]))
-    assert furthest(far(found, leave=2), far(ours, leave=2)) < 1e-4
+    assert furthest(far(values_found, leave=2), far(ours, leave=2)) < 1e-4
 
 
 def test_transient_gain_reduction_as_a_transfer_function() -> None:
     """From a stabiliser's output to the field voltage: KA (1 + s TC) / (1 + s TB), closed over KF s / (1 + s TF)."""
     e = StaticExciter(machine="G1", model="static", KA=50.0, TR=0.0, KF=0.02, TF=0.5, TB=2.0, TC=0.3)
-    made, names, start = steady_state(e, 0, 1.02, 1.8)
+    exciter, names, start = steady_state(e, 0, 1.02, 1.8)
     assert names == ["xf", "xb"]
-    row = np.array([made])[0]
+    row = np.array([exciter])[0]
     x, dx, h = np.array(start), np.zeros(2), 1e-6
 
     def response(x: NDArray[np.float64], u: float) -> NDArray[np.float64]:
@@ -71,5 +71,5 @@ def test_transient_gain_reduction_as_a_transfer_function() -> None:
     B, D = np.split((response(x, h) - response(x, -h)) / (2 * h), [2])
     for s in (0.05j, 1j, 7j, 200j):
         forward, back = e.KA * (1 + s * e.TC) / (1 + s * e.TB), e.KF * s / (1 + s * e.TF)
-        found = C[0] @ np.linalg.solve(s * np.eye(2) - A, B) + D[0]
-        assert found == pytest.approx(forward / (1 + forward * back), rel=1e-6)
+        transfer = C[0] @ np.linalg.solve(s * np.eye(2) - A, B) + D[0]
+        assert transfer == pytest.approx(forward / (1 + forward * back), rel=1e-6)

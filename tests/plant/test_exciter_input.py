@@ -28,8 +28,8 @@ def row(machine: str = "G2", **fields: Any) -> dict[str, Any]:
 def with_input(name: str = "two_area", *more: dict[str, Any], **fields: Any) -> System:
     """A shipped system with an input at the exciter of G2."""
     system = shipped(name)
-    own = [d.model_dump(by_alias=True) for d in system.devices]
-    return changed(system, devices=[*own, row(**fields), *more])
+    devices = [d.model_dump(by_alias=True) for d in system.devices]
+    return changed(system, devices=[*devices, row(**fields), *more])
 
 
 def with_reference(built: Built, machine: int, u: float) -> Built:
@@ -42,8 +42,8 @@ def with_reference(built: Built, machine: int, u: float) -> Built:
 
 def copy_of(built: Built) -> Built:
     """A plant whose exciters can be changed."""
-    own = built.plant._replace(exciters=built.plant.exciters.copy(), controls=built.plant.controls.copy())
-    return built._replace(plant=own)
+    copied = built.plant._replace(exciters=built.plant.exciters.copy(), controls=built.plant.controls.copy())
+    return built._replace(plant=copied)
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
@@ -54,9 +54,9 @@ def test_its_setpoint_acts_as_an_offset_of_the_voltage_reference(name: str) -> N
     assert np.abs(slopes(built)).max() < 1e-8
     for u in (0.03, -0.05):
         state = copy(built.state)._replace(reference=np.array([u]))
-        found = slopes(built._replace(state=state))
+        derivatives = slopes(built._replace(state=state))
         expected = slopes(with_reference(built, at, u))
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-9)
+        np.testing.assert_allclose(derivatives, expected, rtol=1e-12, atol=1e-9)
     trace = follow(built, frame_times(0.5), [(0.0, 0.02)])
     assert np.ptp(trace.machines["field_voltage"][:, at]) > 1e-3
     assert trace.sound.all()
@@ -77,8 +77,10 @@ def test_static_exciter_gives_its_gain_times_the_setpoint() -> None:
 
 def test_two_inputs_at_a_machine_add_up_beside_its_stabiliser() -> None:
     system = with_input("kundur_12_6_thyristor_pss", {**row(), "name": "second", "response_time": 0.02})
-    both, one = plant(system, installed=["input", "second"]), plant(system, installed=["input"])
-    np.testing.assert_allclose(linearise(both)[1][: len(one.state.x), 0], linearise(one)[1][:, 0], rtol=0, atol=1e-7)
+    both, single = plant(system, installed=["input", "second"]), plant(system, installed=["input"])
+    np.testing.assert_allclose(
+        linearise(both)[1][: len(single.state.x), 0], linearise(single)[1][:, 0], rtol=0, atol=1e-7
+    )
     lag = both.state_names.index("second.reference")
     A, B = linearise(both)
     np.testing.assert_allclose(A[:-1, lag], B[:-1, 0], rtol=1e-6, atol=1e-6)
@@ -115,6 +117,6 @@ def test_machine_without_exciter_is_refused(machine: str, said: str) -> None:
     system = shipped("two_area")
     left = [e.model_dump() for e in system.exciters if e.machine != "G2"]
     others = [s.model_dump() for s in system.stabilisers if s.machine != "G2"]
-    own = [d.model_dump(by_alias=True) for d in system.devices]
+    devices = [d.model_dump(by_alias=True) for d in system.devices]
     with pytest.raises(ValueError, match=said):
-        changed(system, exciters=left, stabilisers=others, devices=[*own, row(machine)])
+        changed(system, exciters=left, stabilisers=others, devices=[*devices, row(machine)])

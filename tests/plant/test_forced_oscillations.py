@@ -40,7 +40,7 @@ def controlled() -> System:
     """two_area with governors and stabilisers, so that all modes fade."""
     system = shipped("two_area")
     rows = {
-        name: [{**one.model_dump(by_alias=True), "enabled": True} for one in getattr(system, name)]
+        name: [{**control.model_dump(by_alias=True), "enabled": True} for control in getattr(system, name)]
         for name in ("governors", "stabilisers")
     }
     return changed(system, **rows)
@@ -82,8 +82,8 @@ def test_speeds_are_those_of_the_linear_plant(element: dict[str, str], frequency
     t = trace.t[late]
     columns = np.column_stack([np.sin(omega * t), np.cos(omega * t), np.ones_like(t), t, t * t])
     fit, *_ = np.linalg.lstsq(columns, trace.speeds[late], rcond=None)
-    found = fit[0] + 1j * fit[1]
-    np.testing.assert_allclose(found, linear, rtol=0.01, atol=0.01 * np.abs(linear).max())
+    phasors = fit[0] + 1j * fit[1]
+    np.testing.assert_allclose(phasors, linear, rtol=0.01, atol=0.01 * np.abs(linear).max())
 
 
 @settings(max_examples=8, deadline=None)
@@ -98,8 +98,8 @@ def test_forced_oscillation_of_amplitude_0_changes_no_bit(element: dict[str, str
     traces = [
         follow(plant("two_area", *rows), frame_times(1)) for rows in ([], [at(**element, **fields, amplitude=0.0)])
     ]
-    for one, other in zip(*traces, strict=True):
-        assert one.tobytes() == other.tobytes()
+    for array, other in zip(*traces, strict=True):
+        assert array.tobytes() == other.tobytes()
 
 
 def start_power(built: Built) -> float:
@@ -115,19 +115,19 @@ def powers(*rows: dict[str, Any], times: list[float]) -> NDArray[np.float64]:
 
 def test_start_ramp_and_end_of_a_sine() -> None:
     times = frame_times(4, rate=50)
-    found = powers(at(time=0.51, machine="G1", amplitude=0.1, ramp=1.003, duration=2.4), times=times)
+    power = powers(at(time=0.51, machine="G1", amplitude=0.1, ramp=1.003, duration=2.4), times=times)
     t = np.array(times) - 0.51
     expected = 1.0 + 0.1 * np.clip(t / 1.003, 0.0, 1.0) * np.sin(2 * math.pi * 0.8 * t)
     expected[(t < 0) | (t >= 2.4)] = 1.0
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(power, expected, rtol=1e-12)
 
 
 def test_square_has_the_sign_of_its_sine() -> None:
     times = frame_times(3, rate=60)
-    found = powers(at(machine="G1", amplitude=0.1, frequency=1.5, waveform="square", duration=2.0), times=times)
+    power = powers(at(machine="G1", amplitude=0.1, frequency=1.5, waveform="square", duration=2.0), times=times)
     halves = np.floor(np.array(times) * 3.0 + 1e-9)
     expected = np.where(np.array(times) < 2.0, 1.0 + 0.1 * (-1.0) ** halves, 1.0)
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(power, expected, rtol=1e-12)
 
 
 @settings(max_examples=20, deadline=None)
@@ -137,17 +137,17 @@ def test_square_changes_at_its_edges(frequency: float, k: int) -> None:
     built = plant("two_area", at(machine="G1", amplitude=0.1, frequency=frequency, waveform="square"), installed=[])
     work, machines = workspace(built.plant, built.state), np.zeros(4, MACHINE_TRUTH)
     frame, devices = np.zeros((len(built.plant.pmu_machine), len(CHANNELS))), np.zeros(0, DEVICE_TRUTH)
-    found, edge = [], int((k + 1) * 5e8 / frequency)
+    power, edge = [], int((k + 1) * 5e8 / frequency)
     for now in (edge - 1, edge):
         measure(built.plant, copy(built.state), now, frame, machines, devices, work)
-        found.append(machines["mechanical_power"][0] / start_power(built) - 1.0)
-    assert found == pytest.approx([0.1 - 0.2 * (k % 2), 0.2 * (k % 2) - 0.1])
+        power.append(machines["mechanical_power"][0] / start_power(built) - 1.0)
+    assert power == pytest.approx([0.1 - 0.2 * (k % 2), 0.2 * (k % 2) - 0.1])
 
 
 def test_several_add_up() -> None:
-    one, other = at(machine="G1", frequency=0.7), at(machine="G1", frequency=1.9, time=0.3)
+    slow, other = at(machine="G1", frequency=0.7), at(machine="G1", frequency=1.9, time=0.3)
     times = frame_times(2)
-    both, first, second = (powers(*rows, times=times) - 1.0 for rows in ((one, other), (one,), (other,)))
+    both, first, second = (powers(*rows, times=times) - 1.0 for rows in ((slow, other), (slow,), (other,)))
     np.testing.assert_allclose(both, first + second, rtol=0, atol=1e-15)
 
 
@@ -167,7 +167,7 @@ def test_integration_keeps_its_order() -> None:
     ]
     systems = [changed(shipped("two_area"), step=step) for step in (1 / 60, 1 / 240, 1 / 1920)]
     ends = [follow(plant(system, *rows, installed=[]), [0.0, 1.0]).x[-1] for system in systems]
-    coarse, fine = (np.abs(one - ends[-1]).max() for one in ends[:2])
+    coarse, fine = (np.abs(course - ends[-1]).max() for course in ends[:2])
     assert fine < coarse / 100
 
 
@@ -224,10 +224,10 @@ def test_events_of_a_running_plant_are_those_of_a_file(rows: list[str], sets: li
 @pytest.mark.parametrize("devices", ["[]", "[sssc]"])
 def test_load_becomes_a_port_during_a_run(devices: str) -> None:
     """An impedance before, so that the networks are reduced differently: equal to the rounding."""
-    found, expected = (run(ROWS, f"devices={devices}") for run in (live, from_file))
-    np.testing.assert_allclose(found[:60], expected[:60], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7)
-    assert np.nanmax(np.abs(found[-1] - found[0])) > 1e-3
+    live_run, expected = (run(ROWS, f"devices={devices}") for run in (live, from_file))
+    np.testing.assert_allclose(live_run[:60], expected[:60], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(live_run, expected, rtol=0, atol=1e-7)
+    assert np.nanmax(np.abs(live_run[-1] - live_run[0])) > 1e-3
 
 
 def test_reset_ends_what_was_asked_for() -> None:
@@ -247,10 +247,10 @@ def test_reset_ends_what_was_asked_for() -> None:
 def test_noise_of_other_loads_stays_theirs() -> None:
     """The twin of a run with noise, in which a load without noise becomes a port: its noise keeps its sign."""
     case = load_case(None, [*LIVE, "load_noise.std=0.01", "load_noise.loads.load_1.std=0"])
-    made = mirrored(loop.build_loop(case))
+    built = mirrored(loop.build_loop(case))
     event = "{kind: forced_oscillation, load: load_1, frequency: 1, amplitude: 0.1}"
-    now, _ = apply(made, case, case, RunChange(10, "plant_sim", "plant", 0, "event", "", event))
+    now, _ = apply(built, case, case, RunChange(10, "plant_sim", "plant", 0, "event", "", event))
     assert now.measured.plant.load_noise.shape[1] == 2
-    np.testing.assert_array_equal(now.measured.plant.load_noise[:, :1], made.measured.plant.load_noise)
+    np.testing.assert_array_equal(now.measured.plant.load_noise[:, :1], built.measured.plant.load_noise)
     np.testing.assert_array_equal(now.measured.plant.load_noise[:, 1], 0.0)
-    assert len(now.measured.plant_state.source) == len(made.measured.plant_state.source) + 1
+    assert len(now.measured.plant_state.source) == len(built.measured.plant_state.source) + 1

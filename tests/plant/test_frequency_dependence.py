@@ -34,10 +34,10 @@ def test_load_is_a_damping_torque(kpf: float, T: float) -> None:
     built = build(island(kpf=kpf, T_f=T), [], [])
     values = np.linalg.eigvals(linearise(built)[0])
     assert built.state_names == ["G.delta", "G.omega", "load.theta", "load.theta_w"]
-    found = values[np.abs(values) > 1e-4]
-    assert np.sort_complex(found) == pytest.approx(np.sort_complex(expected), rel=1e-5)
+    moving = values[np.abs(values) > 1e-4]
+    assert np.sort_complex(moving) == pytest.approx(np.sort_complex(expected), rel=1e-5)
     if T == 0.02:
-        slowest = found[np.argmin(np.abs(found))]
+        slowest = moving[np.argmin(np.abs(moving))]
         assert slowest.real == pytest.approx(-kpf * P / (2 * H), rel=0.01)
 
 
@@ -85,7 +85,7 @@ def test_without_it_nothing_is_added() -> None:
 def test_frequency_dependent_load_damps_swings_and_the_common_speed() -> None:
     without = analyse(load_system("two_area"), ["sssc"])
     with_it = analyse(load_system("two_area", ["loads.0.kpf=1.5", "loads.1.kpf=1.5"]), ["sssc"])
-    swings = [next(mode for mode in one.swings if mode.label == "interarea") for one in (without, with_it)]
+    swings = [next(mode for mode in modal.swings if mode.label == "interarea") for modal in (without, with_it)]
     assert swings[1].damping_ratio > swings[0].damping_ratio + 0.002
     assert swings[1].frequency_hz == pytest.approx(swings[0].frequency_hz, rel=0.01)
     slow = [mode.eigenvalue.real for mode in with_it.modes if mode.label == "common"]

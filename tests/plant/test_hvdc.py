@@ -31,8 +31,8 @@ FAULT = {"time": 0.1, "kind": "fault", "bus": "S", "x": 0.02, "duration": 0.2}
 
 def row(**fields: Any) -> dict[str, Any]:
     """A link of 100 MW from S, at the end of a reactance, to an infinite bus."""
-    own = {"name": "hvdc", "kind": "hvdc", "from": "S", "to": "B", "P": 100.0, "P_max": 1000.0}
-    return {**own, "setpoint_max": 0.5, "rate_max": 10.0, **fields}
+    defaults = {"name": "hvdc", "kind": "hvdc", "from": "S", "to": "B", "P": 100.0, "P_max": 1000.0}
+    return {**defaults, "setpoint_max": 0.5, "rate_max": 10.0, **fields}
 
 
 def link(**fields: Any) -> System:
@@ -166,9 +166,9 @@ def test_left_alone_it_is_two_loads_of_constant_power() -> None:
     ours, theirs = plant("two_area_hvdc", step, installed=["hvdc"]), plant(as_loads(), step, installed=[])
     np.testing.assert_allclose(ours.flow.voltage, theirs.flow.voltage, rtol=0, atol=1e-10)
     np.testing.assert_allclose(ours.flow.injection, theirs.flow.injection, rtol=0, atol=1e-10)
-    values, own = (np.linalg.eigvals(linearise(built)[0]) for built in (theirs, ours))
+    values, our_values = (np.linalg.eigvals(linearise(built)[0]) for built in (theirs, ours))
     for value in values[np.abs(values) > 0.02]:
-        assert np.abs(own - value).min() < 1e-6
+        assert np.abs(our_values - value).min() < 1e-6
     times = frame_times(3.0)
     np.testing.assert_allclose(follow(ours, times).speeds, follow(theirs, times).speeds, rtol=0, atol=1e-10)
 
@@ -178,8 +178,8 @@ def test_hvdc_link_that_is_not_installed_is_in_service() -> None:
     fault = {"time": 0.1, "kind": "fault", "bus": "B9", "x": 0.01, "duration": 0.1}
     ours, alone = (plant("two_area_hvdc", fault, installed=devices) for devices in (["hvdc"], []))
     times = frame_times(3.0)
-    one, other = follow(ours, times), follow(alone, times)
-    np.testing.assert_allclose(one.speeds, other.speeds, rtol=0, atol=1e-12)
+    installed, other = follow(ours, times), follow(alone, times)
+    np.testing.assert_allclose(installed.speeds, other.speeds, rtol=0, atol=1e-12)
     assert np.ptp(other.speeds) > 1e-3
     assert other.devices.shape[1] == 0
     assert alone.plant.devices.size == 0

@@ -80,25 +80,25 @@ def bare() -> Built:
     return plant("smib", installed=["sssc"])
 
 
-def at_a_port(made: Any, x: Sequence[float], u: float, voltage: complex, impedance: complex) -> Port:
+def at_a_port(converter: Any, x: Sequence[float], u: float, voltage: complex, impedance: complex) -> Port:
     """A converter alone at a source `voltage` behind `impedance`, p.u."""
     empty = bare()
-    admittance = 1 / (impedance + complex(made["rs"], made["xs"]))
+    admittance = 1 / (impedance + complex(converter["rs"], converter["xs"]))
     rows = np.zeros(1, devices.DEVICE)
-    rows[0]["kind"], rows[0]["states"], rows[0]["sssc"] = devices.CODES["sssc"], 3, made
+    rows[0]["kind"], rows[0]["states"], rows[0]["sssc"] = devices.CODES["sssc"], 3, converter
     model = empty.plant._replace(
         machines=empty.plant.machines[:0],
         placed=rows,
         devices=rows,
         infinite=np.array([voltage], complex),
         network=np.array([[[admittance, -admittance]]], complex),
-        ports=np.array([(DEVICE, 0, made["I_min"], np.inf)], PORT),
+        ports=np.array([(DEVICE, 0, converter["I_min"], np.inf)], PORT),
     )
     lines = line([0.0])
     state = PlantState(np.array(x), np.array([-u]), np.zeros(1), initial_watch(1), np.zeros(1, complex), *lines)
     work = workspace(model, state)
     solve_network(model, state.x, state.reference, state.source, 0, work)
-    return Port(complex(work.response[0]), complex(state.source[0]), bool(work.blocked[0]), made, state.x)
+    return Port(complex(work.response[0]), complex(state.source[0]), bool(work.blocked[0]), converter, state.x)
 
 
 @settings(deadline=None, max_examples=200)
@@ -112,23 +112,23 @@ def test_converter_solves_its_port(
     voltage: complex, impedance: complex, u: float, x: tuple[float, float, float]
 ) -> None:
     """Kirchhoff's law at the port, within the limits; or blocked, a short circuit behind its transformer."""
-    found = at_a_port(device(), x, u, voltage, impedance)
-    drop = (impedance + complex(found.row["rs"], found.row["xs"])) * found.current + found.voltage
+    port = at_a_port(device(), x, u, voltage, impedance)
+    drop = (impedance + complex(port.row["rs"], port.row["xs"])) * port.current + port.voltage
     assert abs(voltage - drop) < 1e-12
-    assert abs(found.voltage) <= 0.11 * x[2] * (1 + 1e-10)
+    assert abs(port.voltage) <= 0.11 * x[2] * (1 + 1e-10)
     if abs(voltage) > 0.4:
-        assert not found.blocked
-    if found.blocked:
-        assert found.voltage == 0
+        assert not port.blocked
+    if port.blocked:
+        assert port.voltage == 0
     else:  # the independent model, at this current
-        c = found.converter(u)
-        assert abs(found.voltage - complex(c.v_p, c.v_q) * found.current / found.magnitude) < 1e-11
+        c = port.converter(u)
+        assert abs(port.voltage - complex(c.v_p, c.v_q) * port.current / port.magnitude) < 1e-11
         assert abs(c.v_p) <= 0.1 * x[2] * (1 + 1e-12)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(reference_devices, "BAND", 1e-12)  # an integrator stands at once
-            v_p, v_q, rates = RATED.drops(list(x), -u, found.magnitude)
+            v_p, v_q, rates = RATED.drops(list(x), -u, port.magnitude)
         assert (c.v_p, c.v_q) == pytest.approx((v_p, v_q), rel=1e-9, abs=1e-12)
-        np.testing.assert_allclose(found.slopes(u), rates, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(port.slopes(u), rates, rtol=1e-9, atol=1e-12)
 
 
 @settings(deadline=None, max_examples=200)
@@ -141,8 +141,8 @@ def test_slopes_of_the_converter_are_those_of_its_voltages(
     u: float, x: tuple[float, float, float], magnitude: float
 ) -> None:
     """Against central differences, where no limit lies between."""
-    made = device()
-    low, at, high = (sssc.converter(made, np.array(x), u, magnitude + step) for step in (-1e-5, 0.0, 1e-5))
+    converter = device()
+    low, at, high = (sssc.converter(converter, np.array(x), u, magnitude + step) for step in (-1e-5, 0.0, 1e-5))
     if low[4:] == high[4:] and (magnitude + 1e-5 < 10.0 or magnitude - 1e-5 > 10.0):
         assert at.v_p_slope == pytest.approx((high.v_p - low.v_p) / 2e-5, rel=1e-5, abs=1e-9)
         assert at.v_q_slope == pytest.approx((high.v_q - low.v_q) / 2e-5, rel=1e-5, abs=1e-9)
@@ -150,14 +150,14 @@ def test_slopes_of_the_converter_are_those_of_its_voltages(
 
 def test_blocked_converter_stands_still() -> None:
     """Too little current: no voltage; in the plant no state of it moves."""
-    found = at_a_port(device(), (0.01, 0.02, 0.9), 0.05, 0.001 + 0j, 0.1j)
-    assert found.blocked
-    assert found.voltage == 0
+    port = at_a_port(device(), (0.01, 0.02, 0.9), 0.05, 0.001 + 0j, 0.1j)
+    assert port.blocked
+    assert port.voltage == 0
     out = {"time": 0.0, "kind": "line_out"}
     built = plant("two_area", {**out, "line": "line_3"}, {**out, "line": "line_4"})
-    own = [built.state_names.index(f"sssc.{state}") for state in sssc.STATES]
+    states = [built.state_names.index(f"sssc.{state}") for state in sssc.STATES]
     dx = slopes(built, moved(built, {"sssc.x_ac": 0.01, "sssc.x_dc": 0.02, "sssc.vdc": 0.9}))
-    assert (dx[own] == 0).all()
+    assert (dx[states] == 0).all()
     assert np.abs(dx).max() > 0
 
 
@@ -172,17 +172,17 @@ def test_blocked_converter_stands_still() -> None:
 def test_integrator_is_frozen_while_its_output_is_limited(
     x: tuple[float, float, float], u: float, limited: tuple[bool, bool]
 ) -> None:
-    found = at_a_port(device(), [*x[:2], 0.95], u, 0.4 + 0j, 0.1j)
-    c = found.converter(u)
+    port = at_a_port(device(), [*x[:2], 0.95], u, 0.4 + 0j, 0.1j)
+    c = port.converter(u)
     assert (c.ac_limited, c.dc_limited) == limited
-    assert (found.slopes(u)[:2] == 0).tolist() == list(limited)
+    assert (port.slopes(u)[:2] == 0).tolist() == list(limited)
 
 
 def test_above_the_rated_current_the_dc_regulator_keeps_its_power() -> None:
     """s_p = min(1, In / |I|) (Kd (1 - vdc) + x_dc): twice the rating, half the voltage."""
-    found = at_a_port(device(I_rated=2.0, Kdi=0.0), [0.0, 0.0, 0.9], 0.0, 0.4 + 0j, 0.1j)
-    assert found.magnitude > 2.5
-    assert found.converter(0.0).v_p * found.magnitude == pytest.approx(2.0 * 0.4 * 0.1 * 0.9, rel=1e-12)
+    port = at_a_port(device(I_rated=2.0, Kdi=0.0), [0.0, 0.0, 0.9], 0.0, 0.4 + 0j, 0.1j)
+    assert port.magnitude > 2.5
+    assert port.converter(0.0).v_p * port.magnitude == pytest.approx(2.0 * 0.4 * 0.1 * 0.9, rel=1e-12)
 
 
 def test_dc_regulator_stays_within_its_limits_and_leaves_them() -> None:
@@ -197,9 +197,9 @@ def test_dc_regulator_stays_within_its_limits_and_leaves_them() -> None:
     assert unlimited.max() > high + 0.2
     limits = {"maximum": float(high)}
     limited = plant(changed(system, exciters=[{**e.model_dump(), **limits} for e in system.exciters]), FAULT)
-    found = follow(limited, frame_times(4, 240)).x[:, index]
-    assert high - 1e-3 < found.max() < high + 0.05  # by one step at most
-    assert found[-1].max() < high - 0.05
+    courses = follow(limited, frame_times(4, 240)).x[:, index]
+    assert high - 1e-3 < courses.max() < high + 0.05  # by one step at most
+    assert courses[-1].max() < high - 0.05
 
 
 def test_overshoot_of_a_regulator_limit_in_a_coarse_step_has_no_effect() -> None:
@@ -208,11 +208,11 @@ def test_overshoot_of_a_regulator_limit_in_a_coarse_step_has_no_effect() -> None
     start = plant(system)
     high = max(start.state.x[start.state_names.index(f"G{g}.VR")] for g in (1, 2, 3, 4)) + 0.2
     exciters = [{**e.model_dump(), "maximum": float(high)} for e in system.exciters]
-    found = []
+    field_voltages = []
     for step in (1 / 120, 1 / 960):
         run = follow(plant(changed(system, exciters=exciters, step=step), FAULT), frame_times(4))
-        found.append(run.machines["field_voltage"])
-    assert np.abs(found[0] - found[1]).max() < 0.015
+        field_voltages.append(run.machines["field_voltage"])
+    assert np.abs(field_voltages[0] - field_voltages[1]).max() < 0.015
 
 
 def test_static_exciters_field_voltage_is_limited() -> None:

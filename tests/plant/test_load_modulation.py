@@ -62,8 +62,8 @@ def test_load_modulation_starts_at_rest_and_leaves_the_power_flow_unchanged() ->
 def two_area(**fields: Any) -> Any:
     """The two areas with modulated load at bus 9 and their own devices."""
     system = shipped("two_area")
-    given = row("B9", **{"setpoint_max": 1.0, "rate_max": 10.0, **fields})
-    return changed(system, devices=[*(d.model_dump(by_alias=True) for d in system.devices), given])
+    device = row("B9", **{"setpoint_max": 1.0, "rate_max": 10.0, **fields})
+    return changed(system, devices=[*(d.model_dump(by_alias=True) for d in system.devices), device])
 
 
 def test_with_a_lag_it_follows_as_the_linear_model() -> None:

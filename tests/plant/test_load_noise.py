@@ -55,8 +55,8 @@ def test_load_noise_is_an_ornstein_uhlenbeck_process(T: float) -> None:
 @pytest.mark.parametrize("correlation", [-0.5, 0.0, 1.0])
 def test_p_and_q_go_together_as_far_as_asked_and_loads_do_not(correlation: float) -> None:
     x = many(correlation=correlation, time_constant=0.05)[:, 60:]
-    found = np.corrcoef(x[..., 0].ravel(), x[..., 1].ravel())[0, 1]
-    assert found == pytest.approx(correlation, abs=0.01)
+    coefficient = np.corrcoef(x[..., 0].ravel(), x[..., 1].ravel())[0, 1]
+    assert coefficient == pytest.approx(correlation, abs=0.01)
     assert np.abs(np.corrcoef(x[:50, :, 0]) - np.eye(50)).max() < 0.25
 
 
@@ -72,8 +72,8 @@ def test_load_has_a_stream_of_its_own() -> None:
 def case(*sets: str, **load: Any) -> Case:
     """The machine by itself, whose load is noisy, without an event."""
     system = island(**load).model_dump(by_alias=True)
-    own = [f"system={json.dumps(system)}", "scenario=[]", "devices=[]", "controllers=[]", "duration=2", "seed=3"]
-    return load_case(None, [*own, "load_noise={std: 0.05, time_constant: 0.5}", *sets])
+    common = [f"system={json.dumps(system)}", "scenario=[]", "devices=[]", "controllers=[]", "duration=2", "seed=3"]
+    return load_case(None, [*common, "load_noise={std: 0.05, time_constant: 0.5}", *sets])
 
 
 @pytest.mark.parametrize("rate", [60, 50, 7])
@@ -92,8 +92,8 @@ def test_impedance_is_scaled_as_a_whole() -> None:
     asked = case(P_fractions={"impedance": 1.0}, Q=20.0)
     drawn = draw(asked.run.load_noise, asked.system.loads, 2.0, 3)["load"][::2]
     frame = loop.run(asked).frames[:, 0]
-    for channel, power, own in ((3, P, 0), (4, 0.2, 1)):
-        assert frame[:, channel] / frame[:, 0] ** 2 == pytest.approx(power * (1 + drawn[:-1, own]), rel=1e-9)
+    for channel, power, column in ((3, P, 0), (4, 0.2, 1)):
+        assert frame[:, channel] / frame[:, 0] ** 2 == pytest.approx(power * (1 + drawn[:-1, column]), rel=1e-9)
 
 
 def test_noisy_load_gives_the_same_however_time_is_divided() -> None:
@@ -125,9 +125,9 @@ NOISY = ["scenario=small", "duration=1.5", "load_noise.std=0.02"]
 
 
 def test_runs_that_share_a_plant_have_the_bits_of_each_seed() -> None:
-    one, other, again = (loop.run(load_case(None, [*NOISY, f"seed={seed}"])).frames for seed in (0, 1, 0))
-    assert np.array_equal(one, again, equal_nan=True)
-    assert not np.array_equal(one, other, equal_nan=True)
+    frames, other, again = (loop.run(load_case(None, [*NOISY, f"seed={seed}"])).frames for seed in (0, 1, 0))
+    assert np.array_equal(frames, again, equal_nan=True)
+    assert not np.array_equal(frames, other, equal_nan=True)
 
 
 def test_plant_of_a_node_has_the_same_bits() -> None:
@@ -156,7 +156,7 @@ def test_without_noise_a_run_has_the_bits_of_one_that_knows_none(sets: list[str]
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("setting", "message"),
     [
         ("load_noise.std=0.5", r"load_noise\.std: 0\.5 given; allowed: less than or equal to 0\.2"),
         ("load_noise.time_constant=0", "load_noise.time_constant: 0 given; allowed: greater than or equal to 0.05"),
@@ -165,6 +165,6 @@ def test_without_noise_a_run_has_the_bits_of_one_that_knows_none(sets: list[str]
         ("load_noise.sigma=1", "load_noise.sigma"),
     ],
 )
-def test_bad_input_is_told(given: str, message: str) -> None:
+def test_bad_input_is_told(setting: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        load_case(None, [given])
+        load_case(None, [setting])

@@ -81,10 +81,12 @@ def test_modes_are_those_of_the_report() -> None:
     """All fifteen, to the last digit."""
     values = np.linalg.eigvals(linearise(plant(without_devices(), installed=[]))[0])
     values = values[values.imag > 0.0]
-    found = np.array([values.imag / (2.0 * np.pi), -100.0 * values.real / np.abs(values)]).T
+    figures_found = np.array([values.imag / (2.0 * np.pi), -100.0 * values.real / np.abs(values)]).T
     printed = figures("nets_nyps_modes_report.csv")
     assert len(printed) == 15
-    nearest = np.array([found[np.argmin(np.abs(found - one) @ [20.0, 1.0])] for one in printed])
+    nearest = np.array(
+        [figures_found[np.argmin(np.abs(figures_found - printed_mode) @ [20.0, 1.0])] for printed_mode in printed]
+    )
     assert nearest == pytest.approx(printed, abs=5.1e-4)
 
 
@@ -92,19 +94,19 @@ def test_three_interarea_modes_are_hardly_damped() -> None:
     system = shipped("nets_nyps")
     built = plant(system, installed=[])
     swings = modes(linearise(built)[0], built.state_names, system)
-    found = sorted(
+    interarea = sorted(
         (m.frequency_hz, m.damping_ratio) for m in swings if m.label == "interarea" and m.damping_ratio < 0.1
     )
-    assert np.array(found) == pytest.approx(np.array([[0.520, 0.0362], [0.591, 0.0962], [0.779, 0.0338]]), abs=5e-4)
+    assert np.array(interarea) == pytest.approx(np.array([[0.520, 0.0362], [0.591, 0.0962], [0.779, 0.0338]]), abs=5e-4)
 
 
 def test_its_two_controllers_damp_the_modes_over_100_ms() -> None:
     case = load_case("nets_nyps_two_devices", [])
-    found = delay_margin.margin(case, 0.1, None, lambda *_: None)
-    assert found.margin is None
+    loop_margin = delay_margin.margin(case, 0.1, None, lambda *_: None)
+    assert loop_margin.margin is None
     ratios = sorted(
         (mode.frequency_hz, mode.damping_ratio)
-        for track in found.tracks
+        for track in loop_margin.tracks
         if (mode := track.modes[-1]) is not None and mode.label == "interarea" and mode.damping_ratio < 0.3
     )
     assert [ratio for _, ratio in ratios] == pytest.approx([0.124, 0.113, 0.152, 0.060], abs=3e-3)

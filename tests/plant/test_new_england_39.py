@@ -32,10 +32,10 @@ def test_power_flow_is_that_of_matpower() -> None:
     flow = solve(shipped("new_england_39"))
     bus, magnitude, angle = figures("new_england_39_voltages_matpower.csv").T
     voltage = dict(zip(flow.names, flow.voltage, strict=True))
-    found = np.array([voltage[f"B{b:.0f}"] for b in bus])
+    voltages = np.array([voltage[f"B{b:.0f}"] for b in bus])
     assert len(bus) == 39
-    np.testing.assert_allclose(np.abs(found), magnitude, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(np.rad2deg(np.angle(found)), angle, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(np.abs(voltages), magnitude, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(np.rad2deg(np.angle(voltages)), angle, rtol=0, atol=1e-5)
     for name, (active, reactive) in GENERATED.items():
         assert complex(flow.generation[name]) * 100 == pytest.approx(active + 1j * reactive, abs=1e-3)
 

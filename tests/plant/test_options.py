@@ -63,9 +63,9 @@ def loads(P: dict[str, float], Q: dict[str, float], **fields: Any) -> dict[str, 
 
 def tapped() -> dict[str, Any]:
     """G1 at two transformers that are not alike, a tap at G2, and a capacitor with losses."""
-    kept = [t.model_dump(by_alias=True) for t in system().transformers if t.name not in {"T1", "T2"}]
+    others_kept = [t.model_dump(by_alias=True) for t in system().transformers if t.name not in {"T1", "T2"}]
     first, *others = (shunt.model_dump() for shunt in system().shunts)
-    return {"transformers": TAPS + kept, "shunts": [{**first, "P": 10.0}, *others]}
+    return {"transformers": TAPS + others_kept, "shunts": [{**first, "P": 10.0}, *others]}
 
 
 def book() -> dict[str, Any]:
@@ -113,11 +113,11 @@ def andes(case: str) -> NDArray[np.complex128]:
         return np.array([complex(float(r["re"]), float(r["im"])) for r in csv.DictReader(file) if r["case"] == case])
 
 
-def far(found: NDArray[np.complex128], *, leave: int) -> NDArray[np.complex128]:
+def far(eigenvalues_found: NDArray[np.complex128], *, leave: int) -> NDArray[np.complex128]:
     """Without those that lie close to zero, which are two or three."""
-    kept = found[np.abs(found) > CLOSE]
-    assert len(found) - len(kept) == leave
-    return kept
+    away = eigenvalues_found[np.abs(eigenvalues_found) > CLOSE]
+    assert len(eigenvalues_found) - len(away) == leave
+    return away
 
 
 def test_reference_eigenvalues_cover_all_cases_of_options() -> None:
@@ -196,8 +196,8 @@ def test_fault_with_loads_of_constant_current_is_that_of_andes() -> None:
 def test_eigenvalues_with_loads_of_constant_current_are_those_of_a_third_program() -> None:
     """WOLF-I prints two decimals; its operating point has those of the book's voltages and powers."""
     re, im = figures("kundur_12_6_current_eigenvalues_wolf.csv").T
-    found = values(**loads(CURRENT, IMPEDANCE))
-    assert furthest(far(re + 1j * im, leave=3), far(found, leave=3)) < 0.02
+    eigenvalues_found = values(**loads(CURRENT, IMPEDANCE))
+    assert furthest(far(re + 1j * im, leave=3), far(eigenvalues_found, leave=3)) < 0.02
 
 
 def test_classical_machines_swing_as_in_a_third_program() -> None:
@@ -217,14 +217,14 @@ def test_books_equations_give_the_books_eigenvalues() -> None:
     The largest difference, 0.012, is that of a swing printed as j6.82 whose printed frequency is 1.087 Hz, j6.83.
     """
     re, im = figures("kundur_12_6_eigenvalues_book.csv").T
-    found = kundur_circuits.eigenvalues(system(), kundur_circuits.BOOK)
-    assert furthest(far(re + 1j * im, leave=2), far(found, leave=2)) < 0.0125
+    eigenvalues_found = kundur_circuits.eigenvalues(system(), kundur_circuits.BOOK)
+    assert furthest(far(re + 1j * im, leave=2), far(eigenvalues_found, leave=2)) < 0.0125
 
 
 def test_without_saturation_the_plant_has_the_books_equations() -> None:
-    found = kundur_circuits.eigenvalues(system(), None)
+    eigenvalues_found = kundur_circuits.eigenvalues(system(), None)
     ours = values(**loads(CURRENT, IMPEDANCE))
-    assert furthest(far(found, leave=3), far(ours, leave=3)) < 1e-5
+    assert furthest(far(eigenvalues_found, leave=3), far(ours, leave=3)) < 1e-5
 
 
 def test_saturation_as_in_genrou_damps_local_modes_more_than_in_the_book() -> None:
@@ -260,9 +260,9 @@ def test_distributed_line_solves_the_telegraph_equations(length: float) -> None:
     """The tie of Kundur's system, from 1 km to almost a wavelength (2 pi / 0.00132 km)."""
     r, x, b = 0.0001, 0.001, 0.00175
     line = Line.model_validate({"name": "line", "from": "A", "to": "B", "length": length, "r": r, "x": x, "b": b})
-    found = chain(line_section(line, "distributed"))
+    two_port = chain(line_section(line, "distributed"))
     expected = exact(complex(r, x), 1j * b, length)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_allclose(two_port, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
     parts = [chain(line_section(line, "distributed", part)) for part in (0.3, 0.7)]
     np.testing.assert_allclose(parts[0] @ parts[1], expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
@@ -295,8 +295,8 @@ def in_pieces(pieces: int) -> NDArray[np.complex128]:
             part = {"name": f"{line['name']}_part_{k}", "from": nodes[k], "to": nodes[k + 1]}
             lines.append({**line, **part, "length": line["length"] / pieces})
     pmus = fields["pmus"][:4]
-    found = changed(system(), buses=fields["buses"], lines=lines, pmus=pmus, signals={}, measures={})
-    return np.asarray(solve(found).voltage[:11])
+    cut = changed(system(), buses=fields["buses"], lines=lines, pmus=pmus, signals={}, measures={})
+    return np.asarray(solve(cut).voltage[:11])
 
 
 def test_lines_in_ever_more_sections_become_distributed_lines() -> None:
@@ -318,10 +318,10 @@ def test_speed_multiplies_the_emf_of_a_machine_that_asks_for_it() -> None:
     larger[0]["C"] *= 1.0 + speed
     fast = slopes(built, moved(built, {"G1.omega": speed}))
     other = slopes(built._replace(plant=built.plant._replace(machines=larger)), moved(built, {"G1.omega": speed}))
-    own = built.state_names.index("G1.omega")
+    speed_state = built.state_names.index("G1.omega")
     damping = system.machines[0].D * speed / (2.0 * system.machines[0].H)
-    assert fast[own] + damping == pytest.approx((other[own] + damping) / (1.0 + speed), rel=1e-9)
-    apart = np.delete(fast - other, own)
+    assert fast[speed_state] + damping == pytest.approx((other[speed_state] + damping) / (1.0 + speed), rel=1e-9)
+    apart = np.delete(fast - other, speed_state)
     assert np.abs(apart).max() < 1e-9
     assert np.abs(slopes(built)).max() < 1e-9
 

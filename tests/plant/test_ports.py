@@ -170,14 +170,16 @@ def test_kirchhoff_s_laws_hold_with_any_loads_machines_taps_and_devices(
     ]
     built = plant(system, *rows, installed=BOTH)
     trace = follow(built, frame_times(0.5), [(0.05, 0.05, 0), (0.05, -0.05, 1)])
-    kept = np.cumprod(trace.sound).astype(bool)  # where loads of constant power let the voltage collapse it ends
-    assert kept[trace.t < 0.1].all()
+    until_collapse = np.cumprod(trace.sound).astype(
+        bool
+    )  # where loads of constant power let the voltage collapse it ends
+    assert until_collapse[trace.t < 0.1].all()
     scales = {"load_2": np.where(trace.t >= 0.1, 1 + change, 1.0)}
     left = unbalanced(system, trace, scales)
     at = next(i for i, s in enumerate(system.pmus) if s.bus == "B9")
     burning = (trace.t >= 0.2) & (trace.t < 0.3)
     left["B9"] -= 1j / depth * trace.frames[:, at, VOLTAGE] ** 2 * burning
-    assert np.abs(list(left.values()))[:, kept].max() < 1e-9
+    assert np.abs(list(left.values()))[:, until_collapse].max() < 1e-9
     assert np.abs(slopes(built)).max() < 1e-7
 
 
@@ -191,10 +193,10 @@ def test_constant_power_is_constant_above_v_min_and_an_impedance_below() -> None
     assert trace.sound.all()
     names = [s.name for s in system.pmus]
     for load in system.loads:
-        own = [i for i, s in enumerate(system.pmus) if s.bus == load.bus]
-        assert len(own) >= 3
-        drawn = -(trace.frames[:, own, ACTIVE] + 1j * trace.frames[:, own, REACTIVE]).sum(axis=1)
-        r = trace.frames[:, own[0], VOLTAGE] / trace.frames[0, own[0], VOLTAGE]
+        pmus = [i for i, s in enumerate(system.pmus) if s.bus == load.bus]
+        assert len(pmus) >= 3
+        drawn = -(trace.frames[:, pmus, ACTIVE] + 1j * trace.frames[:, pmus, REACTIVE]).sum(axis=1)
+        r = trace.frames[:, pmus[0], VOLTAGE] / trace.frames[0, pmus[0], VOLTAGE]
         expected = complex(load.P, load.Q) / 100 * np.where(r >= 0.85, 1.0, (r / 0.85) ** 2)
         np.testing.assert_allclose(drawn, expected, rtol=0, atol=1e-9)
         assert np.ptp(r[r >= 0.85]) > 0.02
@@ -316,20 +318,20 @@ def test_slopes_of_every_port_are_those_of_its_law(
     references = np.full(len(KINDS), reference)
     solve_network(built.plant, x, references, copy(built.state).source, 0, work)
 
-    def given(q: complex) -> complex:
+    def source_at(q: complex) -> complex:
         work.response[p] = q
         return complex(law(built.plant, x, references, 0, p, work))
 
     q, h = magnitude * np.exp(1j * turn), 1e-6 * max(1.0, magnitude)
     columns = []
     for direction in (1.0, 1j):
-        low, middle, high = (given(q + step * h * direction) for step in (-1, 0, 1))
+        low, middle, high = (source_at(q + step * h * direction) for step in (-1, 0, 1))
         assume(abs(high - 2 * middle + low) < 1e-4 * h * (1 + abs(middle) / magnitude))  # no kink between
         columns.append((high - low) / (2 * h))
-    given(q)
-    found = work.slope[p]
+    source_at(q)
+    slopes_found = work.slope[p]
     expected = np.array([[c.real for c in columns], [c.imag for c in columns]])
-    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * (1 + np.abs(expected).max()))
+    np.testing.assert_allclose(slopes_found, expected, rtol=1e-5, atol=1e-5 * (1 + np.abs(expected).max()))
 
 
 @settings(deadline=None, max_examples=40)

@@ -77,10 +77,10 @@ def test_power_balances_at_every_bus_and_in_all() -> None:
         losses += shunt_loss.real * (np.abs(at[line.from_bus]) ** 2 + np.abs(at[line.to_bus]) ** 2)
     iron = sum(9 / 500 * np.abs(at[t.from_bus]) ** 2 for t in system.transformers)
     device = trace.devices[:, 0]
-    taken = device["active_voltage"] * device["current"] + ssscs(system)[0].rs * device["current"] ** 2
-    assert np.abs(taken).max() > 0.05
+    taken_power = device["active_voltage"] * device["current"] + ssscs(system)[0].rs * device["current"] ** 2
+    assert np.abs(taken_power).max() > 0.05
     generated = sum(power[m.name].real for m in system.machines)
-    np.testing.assert_allclose(generated, drawn + losses + iron + taken, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(generated, drawn + losses + iron + taken_power, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("g", [0.0, 0.05])
@@ -145,9 +145,9 @@ def test_order_of_rows_is_of_no_account(usual: Any, data: st.DataObject) -> None
     rows = system.model_dump(by_alias=True)
     shuffled = changed(system, **{name: data.draw(st.permutations(rows[name]), name) for name in TABLES})
     values, speeds = usual
-    found = np.linalg.eigvals(linearise(plant(shuffled))[0])
+    eigenvalues_found = np.linalg.eigvals(linearise(plant(shuffled))[0])
     away = [v for v in values if abs(v) > 1e-3]  # the pair at zero moves by the root of the round-off
-    assert max(np.abs(found - v).min() for v in away) < 1e-6
+    assert max(np.abs(eigenvalues_found - v).min() for v in away) < 1e-6
     for name, rotor in swing(shuffled).items():
         np.testing.assert_allclose(rotor, speeds[name], rtol=0, atol=1e-9)
 

@@ -16,7 +16,7 @@ RATED = 6.0  # p.u.; the tie carries 4.15 at the start
 
 def test_sssc_is_bypassed_above_its_rating_where_asked() -> None:
     """In the fault its line carries more than rated: then its transformer is all that is there."""
-    free, kept = (
+    free, bypassing = (
         follow(
             plant(with_device("sssc", I_rated=RATED, enforce_rating=on), FAULT), frame_times(0.5, 240), [(0.0, 0.05)]
         ).devices[:, 0]
@@ -24,11 +24,11 @@ def test_sssc_is_bypassed_above_its_rating_where_asked() -> None:
     )
     assert (free["current"] > RATED).any()
     assert not free["blocked"].any()
-    bypassed = kept["blocked"] == 1.0
-    np.testing.assert_array_equal(bypassed, kept["current"] > RATED)
+    bypassed = bypassing["blocked"] == 1.0
+    np.testing.assert_array_equal(bypassed, bypassing["current"] > RATED)
     assert 5 < bypassed.sum() < 60
-    assert (kept["active_voltage"][bypassed] == 0.0).all()
-    drop = kept["injected_voltage"][bypassed] + 0.0016 * kept["current"][bypassed]
+    assert (bypassing["active_voltage"][bypassed] == 0.0).all()
+    drop = bypassing["injected_voltage"][bypassed] + 0.0016 * bypassing["current"][bypassed]
     np.testing.assert_allclose(drop, 0.0, atol=1e-15)
 
 

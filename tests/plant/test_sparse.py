@@ -32,11 +32,11 @@ def test_sparse_and_dense_elimination_give_the_same_network(
     dense = build(system, devices, [])
     monkeypatch.setattr(sparse, "DENSE", 0)
     monkeypatch.setattr(power_flow, "DENSE", 0)
-    found = build(system, devices, [])
-    assert np.abs(found.flow.voltage - dense.flow.voltage).max() < 1e-9
-    ours, theirs = found.plant.network, dense.plant.network
+    sparse_plant = build(system, devices, [])
+    assert np.abs(sparse_plant.flow.voltage - dense.flow.voltage).max() < 1e-9
+    ours, theirs = sparse_plant.plant.network, dense.plant.network
     assert np.abs(ours - theirs).max() < 1e-9 * np.abs(theirs).max()
-    assert found.state.x == pytest.approx(dense.state.x, abs=1e-7)
+    assert sparse_plant.state.x == pytest.approx(dense.state.x, abs=1e-7)
 
 
 def test_singular_equations_are_said() -> None:
@@ -53,8 +53,8 @@ def test_equations_are_solved(kind: type, columns: int | None) -> None:
         a: Any = np.where(chance.random((n, n)) < 4.0 / n, chance.standard_normal((n, n)), 0.0).astype(kind)
         a[np.arange(n), chance.permutation(n)] += 3.0 if kind is float else 3.0 + 1.0j
         b = chance.standard_normal(n if columns is None else (n, columns))
-        found = sparse.solve_network(csc_array(a), b)
-        np.testing.assert_allclose(found, np.linalg.solve(a, b), rtol=1e-8, atol=1e-10)
+        solution = sparse.solve_network(csc_array(a), b)
+        np.testing.assert_allclose(solution, np.linalg.solve(a, b), rtol=1e-8, atol=1e-10)
 
 
 def test_grid_of_2224_buses_is_at_rest() -> None:
@@ -76,21 +76,21 @@ def test_grid_of_2224_buses_is_at_rest() -> None:
 def balances(system: System, voltage: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """What goes from each bus into its branches and shunts, p.u., branch by branch."""
     at = {bus.name: i for i, bus in enumerate(system.buses)}
-    found = np.zeros(len(voltage), complex)
+    powers = np.zeros(len(voltage), complex)
     for line in system.lines:
         i, j, y, half = at[line.from_bus], at[line.to_bus], 1.0 / complex(line.r, line.x), 0.5j * line.b
         for a, b in ((i, j), (j, i)):
-            found[a] += voltage[a] * np.conj(y * (voltage[a] - voltage[b]) + half * voltage[a])
+            powers[a] += voltage[a] * np.conj(y * (voltage[a] - voltage[b]) + half * voltage[a])
     for t in system.transformers:
         i, j, y = at[t.from_bus], at[t.to_bus], t.rating / system.base_power / complex(t.r, t.x)
         ratio = t.tap * np.exp(1j * np.deg2rad(t.phase_shift))
         current = y * (voltage[i] / ratio - voltage[j])  # behind the ideal transformer
-        found[i] += voltage[i] * np.conj(current / np.conj(ratio))
-        found[j] -= voltage[j] * np.conj(current)
+        powers[i] += voltage[i] * np.conj(current / np.conj(ratio))
+        powers[j] -= voltage[j] * np.conj(current)
     for shunt in system.shunts:
         i = at[shunt.bus]
-        found[i] += abs(voltage[i]) ** 2 * np.conj(complex(shunt.P, shunt.Q)) / system.base_power
-    return found
+        powers[i] += abs(voltage[i]) ** 2 * np.conj(complex(shunt.P, shunt.Q)) / system.base_power
+    return powers
 
 
 @pytest.mark.parametrize(
@@ -108,11 +108,11 @@ def test_runs_are_the_same_with_factors_instead_of_a_dense_network(
     case = load_case(run, sets)
     dense = loop.run(case)
     monkeypatch.setattr(plant_build, "LARGE", 0)
-    found = loop.run(case)
+    sparse_run = loop.run(case)
     assert dense.in_synchronism.all()
     for name in ("rotor_angle", "speed_deviation", "electrical_power", "terminal_voltage"):
-        np.testing.assert_allclose(found.machines[name], dense.machines[name], rtol=1e-7, atol=1e-8)
-    np.testing.assert_allclose(found.frames, dense.frames, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(sparse_run.machines[name], dense.machines[name], rtol=1e-7, atol=1e-8)
+    np.testing.assert_allclose(sparse_run.frames, dense.frames, rtol=1e-6, atol=1e-7)
 
 
 def test_sparse_linear_plant_has_the_same_modes_and_residues(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,8 +129,8 @@ def test_sparse_linear_plant_has_the_same_modes_and_residues(monkeypatch: pytest
     built = build(system, devices, [])
     model = linearisation.linear_model(built, system.signals, pmus)
     assert np.abs(model.response(3j) - dense.response(3j)).max() < 1e-6 * np.abs(dense.response(3j)).max()
-    found = eigenmodes.modes(model.matrix, built.state_names, system, model, devices)
-    swings = [mode for mode in found if mode.swings]
+    sparse_modes = eigenmodes.modes(model.matrix, built.state_names, system, model, devices)
+    swings = [mode for mode in sparse_modes if mode.swings]
     assert len(swings) == 8  # of 15
     for mode in swings:
         like = known[min(known, key=lambda value: abs(value - mode.eigenvalue))]

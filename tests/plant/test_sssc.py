@@ -136,10 +136,10 @@ def test_regulators_answer_a_small_step_as_their_equations_say(step: str) -> Non
     expected = [np.array([*deviation, u])]
     for _ in times[1:]:
         expected.append(propagate @ expected[-1])
-    found = trace.x[:, first : first + 3] - built.state.x[first : first + 3]
+    departure = trace.x[:, first : first + 3] - built.state.x[first : first + 3]
     largest = np.abs(expected).max(axis=0)[:3]
     assert largest.max() >= SMALL
-    assert (np.abs(found - np.array(expected)[:, :3]).max(axis=0) <= 3e-4 * largest + 1e-9).all()
+    assert (np.abs(departure - np.array(expected)[:, :3]).max(axis=0) <= 3e-4 * largest + 1e-9).all()
 
 
 PAIR = (sssc("a", "line_1"), sssc("b", "line_4", "to", tau=0.01))
@@ -204,7 +204,7 @@ def test_placed_by_its_line_it_is_what_explicit_buses_make_it(end: str) -> None:
     fault = {"time": 0.1, "kind": "fault", "line": "line_1", "location": 0.2, "duration": 0.05}
     built = [plant(system, fault, installed=["sssc", "a"]) for system in systems]
     assert built[0].state_names == built[1].state_names
-    traces = [follow(one, frame_times(1), [(0.0, 0.05, 1), (0.4, -0.05, 0)]) for one in built]
+    traces = [follow(each_built, frame_times(1), [(0.0, 0.05, 1), (0.4, -0.05, 0)]) for each_built in built]
     np.testing.assert_allclose(traces[0].x, traces[1].x, rtol=0, atol=1e-9)
     np.testing.assert_allclose(traces[0].frames, traces[1].frames, rtol=0, atol=1e-8)
     assert np.ptp(traces[0].frames[:, -1, ACTIVE]) > 1
@@ -222,7 +222,7 @@ def test_not_installed_it_is_its_transformer_s_resistance() -> None:
     """So small that the plant is the one without it."""
     fault = {"time": 0.1, "kind": "fault", "bus": "B9", "duration": 0.05}
     built = [plant(system, fault, installed=["sssc"]) for system in (place(in_lines(*PAIR)), shipped("two_area"))]
-    traces = [follow(one, frame_times(1), [(0.0, 0.05)]) for one in built]
+    traces = [follow(each_built, frame_times(1), [(0.0, 0.05)]) for each_built in built]
     np.testing.assert_allclose(traces[0].speeds, traces[1].speeds, rtol=0, atol=2e-6)
 
 

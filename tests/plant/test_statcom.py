@@ -204,10 +204,10 @@ def equations(d: Statcom, x: float) -> NDArray[np.float64]:
 def linear(d: Statcom, x: float, start: dict[str, float], u: float, times: NDArray[np.float64]) -> NDArray[np.float64]:
     """Solution of the linear equations from a start, under a constant input, by the matrix exponential."""
     step = expm(equations(d, x) * (times[1] - times[0]))
-    found = [np.array([*(start.get(name, 0.0) for name in statcom.STATES), u])]
+    solution = [np.array([*(start.get(name, 0.0) for name in statcom.STATES), u])]
     for _ in times[1:]:
-        found.append(step @ found[-1])
-    return np.array(found)[:, :7]
+        solution.append(step @ solution[-1])
+    return np.array(solution)[:, :7]
 
 
 SMALL = 1e-5  # p.u., a step at which no limit acts and squares do not count
@@ -234,11 +234,11 @@ def test_regulators_answer_a_small_step_as_their_equations_say(step: str) -> Non
     at = {names[name]: built.state.x[built.state_names.index(names[name])] + value for name, value in start.items()}
     trace = follow(built, times, [(0.0, u)] if u else [], x=moved(built, at))
     first = built.state_names.index("statcom.id")
-    found = trace.x[:, first : first + 7] - built.state.x[first : first + 7]
+    departure = trace.x[:, first : first + 7] - built.state.x[first : first + 7]
     d = Statcom.model_validate(row(bus, **fields))
     expected = linear(d, SPUR if bus == "S" else 0.0, start, u, times)
     assert np.abs(expected).max() > 0.5 * SMALL
-    assert (np.abs(found - expected).max(axis=0) <= 2e-4 * np.abs(expected).max(axis=0) + 1e-9).all()
+    assert (np.abs(departure - expected).max(axis=0) <= 2e-4 * np.abs(expected).max(axis=0) + 1e-9).all()
 
 
 def test_fault_at_its_bus_blocks_it_and_it_comes_back() -> None:

@@ -39,8 +39,8 @@ def two_area(**fields: Any) -> System:
     (line,) = (line for line in system.lines if line.name == "line_1")
     x = line.x * line.length
     data = {"X": 0.3 * x, "X_min": 0.1 * x, "X_max": 0.5 * x, "setpoint_max": 0.2 * x, "rate_max": 5.0 * x}
-    given = row(**{"line": "line_1", **data, **fields})
-    return place(changed(system, devices=[*(d.model_dump(by_alias=True) for d in system.devices), given]))
+    device = row(**{"line": "line_1", **data, **fields})
+    return place(changed(system, devices=[*(d.model_dump(by_alias=True) for d in system.devices), device]))
 
 
 @pytest.mark.parametrize("u", [0.0, 0.006, -0.012, -0.02, 0.02, -0.1])
@@ -81,15 +81,15 @@ def test_tcsc_equals_a_line_of_less_reactance() -> None:
         for line in shipped("two_area").lines
     ]
     # Half of the charging stands on the other side of the capacitor: none here.
-    bare = [{**one.model_dump(by_alias=True), "b": 0.0} for one in lines]
-    whole = [{**one.model_dump(by_alias=True), "b": 0.0} for one in system.lines]
+    bare = [{**line.model_dump(by_alias=True), "b": 0.0} for line in lines]
+    whole = [{**line.model_dump(by_alias=True), "b": 0.0} for line in system.lines]
     fault = {"time": 0.2, "kind": "fault", "bus": "B9", "x": 0.02, "duration": 0.1}
     fixed = plant(changed(shipped("two_area"), lines=bare), fault, installed=[])
     for installed in ([], ["tcsc"]):
         built = plant(changed(system, lines=whole), fault, installed=installed)
         for name, V in zip(fixed.flow.names, fixed.flow.voltage, strict=True):
             assert abs(built.flow.voltage[built.flow.names.index(name)] - V) < 1e-4, name
-        speeds = [follow(one, frame_times(1.5)).speeds for one in (built, fixed)]
+        speeds = [follow(each_built, frame_times(1.5)).speeds for each_built in (built, fixed)]
         np.testing.assert_allclose(speeds[0], speeds[1], rtol=0, atol=2e-6)
 
 
@@ -127,7 +127,7 @@ def test_tcsc_follows_its_linear_model() -> None:
 
 
 def test_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
-    (given,) = (d for d in two_area().devices if d.name == "tcsc")
+    (capacitor,) = (d for d in two_area().devices if d.name == "tcsc")
     place_again = {"line": "line_1", "from": None, "to": None}
-    fields = {key: value for key, value in given.model_dump(by_alias=True).items() if key not in place_again}
+    fields = {key: value for key, value in capacitor.model_dump(by_alias=True).items() if key not in place_again}
     damps({**fields, "line": "line_1"})

@@ -108,8 +108,8 @@ def test_kundur_12_6_fault_is_that_of_andes() -> None:
     times, speeds, angles = rows[:, 0], rows[:, 1:5] - 1, rows[:, 5:]
     fault = {"time": 1.0, "kind": "fault", "bus": "B8", "duration": 0.1}
     trace = follow(plant("kundur_12_6", fault), [0.0, *times])
-    found = trace.machines["rotor_angle"][1:]
-    apart = np.rad2deg((found - found[:, 2:3]) - (angles - angles[:, 2:3]))
+    rotor_angles = trace.machines["rotor_angle"][1:]
+    apart = np.rad2deg((rotor_angles - rotor_angles[:, 2:3]) - (angles - angles[:, 2:3]))
     assert np.abs(apart).max() < 0.01
     assert np.abs(trace.speeds[1:] - speeds).max() < 0.001 * np.abs(speeds).max()
 

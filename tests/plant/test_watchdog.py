@@ -42,7 +42,7 @@ def setpoint(now: int, **fields: Any) -> Any:
     return row
 
 
-def own(**fields: Any) -> Any:
+def settings_row(**fields: Any) -> Any:
     return np.array([watchdog.settings(Watchdog(**fields), RATE)])
 
 
@@ -68,7 +68,7 @@ GOOD: dict[str, dict[str, Any]] = {
 
 
 def judged(fields: dict[str, Any]) -> tuple[bool, Any]:
-    row, watch = own(max_age=0.5), watchdog.initial_watch(1)
+    row, watch = settings_row(max_age=0.5), watchdog.initial_watch(1)
     first = setpoint(900 * MS, measured_ns=800 * MS)
     assert watchdog.accepts(row[0], watch[0], first[0], LIMIT, 900 * MS)
     return watchdog.accepts(row[0], watch[0], setpoint(1000 * MS, **fields)[0], LIMIT, 1000 * MS), watch[0]
@@ -77,8 +77,8 @@ def judged(fields: dict[str, Any]) -> tuple[bool, Any]:
 @pytest.mark.parametrize("name", ODD)
 def test_odd_setpoint_is_refused_and_counted_by_cause(name: str) -> None:
     fields, cause = ODD[name]
-    taken, watch = judged(fields)
-    assert not taken
+    accepted, watch = judged(fields)
+    assert not accepted
     counts = {field: int(watch[field]) for field in ("refused_value", "refused_stamp", "refused_order")}
     assert counts == {**dict.fromkeys(counts, 0), cause: 1}
     assert watch["accepted_ns"] == 900 * MS
@@ -86,16 +86,16 @@ def test_odd_setpoint_is_refused_and_counted_by_cause(name: str) -> None:
 
 @pytest.mark.parametrize("name", GOOD)
 def test_good_setpoint_is_accepted(name: str) -> None:
-    taken, watch = judged(GOOD[name])
-    assert taken
+    accepted, watch = judged(GOOD[name])
+    assert accepted
     assert watch["accepted_ns"] == 1000 * MS
 
 
 def test_watchdog_that_is_off_refuses_only_what_is_no_number() -> None:
     row, watch = np.array([watchdog.settings(None, RATE)]), watchdog.initial_watch(1)
     for name, (fields, _) in ODD.items():
-        taken = watchdog.accepts(row[0], watch[0], setpoint(1000 * MS, **fields)[0], LIMIT, 1000 * MS)
-        assert taken == (name not in ("not a number", "infinite"))
+        accepted = watchdog.accepts(row[0], watch[0], setpoint(1000 * MS, **fields)[0], LIMIT, 1000 * MS)
+        assert accepted == (name not in ("not a number", "infinite"))
     assert watch.tobytes() == watchdog.initial_watch(1).tobytes()
 
 
@@ -225,20 +225,23 @@ def test_whatever_comes_the_reference_keeps_its_limits_and_is_zero_in_time(shipp
     work, row = workspace(plant, state), plant.devices[0]
     numbers = st.one_of(st.floats(allow_nan=True, allow_infinity=True), st.floats(-0.1, 0.1))
     times = st.one_of(st.integers(-(2**62), 2**62), st.integers(0, 600 * MS))
-    taken = 0
+    received = 0
     for k in range(30):
         start, end = tick_ns(k, RATE), tick_ns(k + 1, RATE)
         come = np.zeros(data.draw(st.integers(0, 3)), SETPOINT)
-        for one in come:
-            one["measured_ns"], one["issued_ns"] = data.draw(times), data.draw(times)
-            one["value"], one["effective_ns"] = data.draw(numbers), data.draw(st.one_of(st.integers(start, end), times))
+        for entry in come:
+            entry["measured_ns"], entry["issued_ns"] = data.draw(times), data.draw(times)
+            entry["value"], entry["effective_ns"] = (
+                data.draw(numbers),
+                data.draw(st.one_of(st.integers(start, end), times)),
+            )
         come = np.sort(come, order="effective_ns")
-        taken += len(come)
+        received += len(come)
         advance(plant, state, start, end, come, len(come), work)
         assert abs(state.reference[0]) <= row["setpoint_max"]
         assert np.isfinite(state.x).all()
     watch = state.watch[0]
-    assert watch["refused_value"] + watch["refused_stamp"] + watch["refused_order"] <= taken
+    assert watch["refused_value"] + watch["refused_stamp"] + watch["refused_order"] <= received
     slow = 0.2 + row["setpoint_max"] / row["watchdog"]["release_rate"]
     nothing = np.zeros(0, SETPOINT)
     for k in range(30, 31 + int(np.ceil(RATE * slow))):

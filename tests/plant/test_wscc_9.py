@@ -65,8 +65,8 @@ def test_start_of_machines_and_exciters_is_as_published() -> None:
     }
     for machine, (delta, *others) in published.items():
         assert np.rad2deg(start[f"{machine}.delta"]) == pytest.approx(delta, abs=0.1)
-        found = [start[f"{machine}.{state}"] for state in ("Eq1", "Ed1", "Efd", "VR")]
-        assert found == pytest.approx(others, abs=2e-3)
+        values_at_start = [start[f"{machine}.{state}"] for state in ("Eq1", "Ed1", "Efd", "VR")]
+        assert values_at_start == pytest.approx(others, abs=2e-3)
 
 
 def test_constant_power_loads_give_table_8_2() -> None:
@@ -79,9 +79,9 @@ def test_constant_power_loads_give_table_8_2() -> None:
     )
     real = np.array([-5.1761, -3.3995, -3.2258])
     table = np.concatenate([published, published.conj(), real])
-    found = moving(linearise(plant("wscc_9_constant_power"))[0])
-    assert len(found) == len(table) == 19
-    assert furthest(table, found) < 3.5e-3
+    eigenvalues_found = moving(linearise(plant("wscc_9_constant_power"))[0])
+    assert len(eigenvalues_found) == len(table) == 19
+    assert furthest(table, eigenvalues_found) < 3.5e-3
     others = moving(linearise(plant("wscc_9"))[0])
     assert furthest(table, others) > 0.07, "the table tells the load models apart"
 

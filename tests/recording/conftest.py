@@ -38,9 +38,9 @@ TOPICS = {
 
 def topics(record: Record) -> dict[str, str]:
     """Topics of a run with one link, and their types."""
-    own = {f"/{name}/setpoints": "DeviceSetpoints" for name in reversed(record.controller_names)}
-    own |= {identifier(c): "JacobianEstimate" for c in set(record.estimates["controller"].tolist())}
-    return TOPICS | own
+    types_by_topic = {f"/{name}/setpoints": "DeviceSetpoints" for name in reversed(record.controller_names)}
+    types_by_topic |= {identifier(c): "JacobianEstimate" for c in set(record.estimates["controller"].tolist())}
+    return TOPICS | types_by_topic
 
 
 def identifier(controller: int) -> str:

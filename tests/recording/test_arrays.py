@@ -68,14 +68,14 @@ def test_arrays_of_irregular_messages_hold_the_newest_value(record: Record) -> N
 def test_estimates_and_learning_rates_are_there(record: Record) -> None:
     jacobian = record.arrays["estimate.controller_0_HBsWC.speed.sssc_pu_per_pu"]
     assert jacobian.tobytes() == record.estimates["jacobian"].tobytes()
-    own = record.learning[(record.learning["identifier"] == 0) & (record.learning["group"] == 1)]
-    assert record.arrays["learning.controller_0_HBsWC.controller.0.1.rate"].tobytes() == own["rate"].tobytes()
+    rows = record.learning[(record.learning["identifier"] == 0) & (record.learning["group"] == 1)]
+    assert record.arrays["learning.controller_0_HBsWC.controller.0.1.rate"].tobytes() == rows["rate"].tobytes()
     assert "learning.controller_0_HBsWC.identifier.lyapunov" in record.arrays
 
 
 def test_supervision_arrays_have_a_column_for_each_monitor() -> None:
-    given = ["supervision=standard", "arm_at=0.5", "duration=2", "devices=[sssc,statcom]"]
-    record = loop.run(load_case(None, given))
+    sets = ["supervision=standard", "arm_at=0.5", "duration=2", "devices=[sssc,statcom]"]
+    record = loop.run(load_case(None, sets))
     arrays, place = record.arrays, "supervision.controller_0_LLC"
     names = [name.removeprefix(f"{place}.") for name in arrays if name.startswith(place)]
     assert names == ["state", "fraction", *MONITORS]
@@ -90,10 +90,10 @@ def test_supervision_arrays_have_a_column_for_each_monitor() -> None:
 
 def test_frame_rate_is_told_by_the_ticks_where_nothing_else_tells(record: Record) -> None:
     bare = load_case(None, ["duration=1", "frame_rate=30"])
-    made = loop.run(bare)
-    made.configuration.clear()
-    assert made.frame_rate == 30
-    assert made.ticks.tolist() == list(range(30))
+    bare_run = loop.run(bare)
+    bare_run.configuration.clear()
+    assert bare_run.frame_rate == 30
+    assert bare_run.ticks.tolist() == list(range(30))
 
 
 @pytest.mark.parametrize("kind", ["parquet", "csv"])

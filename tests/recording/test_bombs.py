@@ -52,8 +52,8 @@ for folder in sys.argv[1:]:
 def chunked(file: Path, *chunks: Chunk) -> None:
     """A file of chunks, without a summary."""
     builder = RecordBuilder()
-    for one in (Header("ros2", ""), *chunks):
-        one.write(builder)
+    for mcap_record in (Header("ros2", ""), *chunks):
+        mcap_record.write(builder)
     file.write_bytes(MCAP0_MAGIC + builder.end())  # type: ignore[no-untyped-call]
 
 
@@ -74,9 +74,9 @@ def zeros(size: int) -> Any:
 
 
 @cache
-def zstd(size: int, told: bool) -> bytes:
-    compressor = zstandard.ZstdCompressor(level=1, write_content_size=told)
-    stream = compressor.compressobj(size=size) if told else compressor.compressobj()
+def zstd(size: int, with_size: bool) -> bytes:
+    compressor = zstandard.ZstdCompressor(level=1, write_content_size=with_size)
+    stream = compressor.compressobj(size=size) if with_size else compressor.compressobj()
     return b"".join(stream.compress(piece) for piece in zeros(size)) + stream.flush()
 
 
@@ -113,16 +113,18 @@ def nested(levels: int, each: str) -> str:
 
 
 BOMBS: dict[str, Callable[[Path], None]] = {
-    "zstd": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, told=True), GIGABYTE)),
-    "zstd that does not say how large": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, told=False), GIGABYTE)),
-    "zstd that lies": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, told=True), 1000)),
-    "zstd that lies and does not say": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, told=False), 1000)),
+    "zstd": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, with_size=True), GIGABYTE)),
+    "zstd that does not say how large": lambda file: chunked(
+        file, chunk("zstd", zstd(GIGABYTE, with_size=False), GIGABYTE)
+    ),
+    "zstd that lies": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, with_size=True), 1000)),
+    "zstd that lies and does not say": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, with_size=False), 1000)),
     "lz4": lambda file: chunked(file, chunk("lz4", lz(GIGABYTE), GIGABYTE)),
     "lz4 that lies": lambda file: chunked(file, chunk("lz4", lz(GIGABYTE), 1000)),
     "many messages": lambda file: chunked(
         file, chunk("zstd", zstandard.compress(tiny := message(3_000_000)), len(tiny))
     ),
-    "many chunks": lambda file: chunked(file, *[chunk("zstd", zstd(8 << 20, told=True), 8 << 20)] * 1000),
+    "many chunks": lambda file: chunked(file, *[chunk("zstd", zstd(8 << 20, with_size=True), 8 << 20)] * 1000),
     "aliases": lambda file: recorded(file, schema_text(STATE), bytes(500), ALIASES),
     "nesting": lambda file: recorded(file, schema_text(STATE), bytes(500), "[" * 100_000),
     "types": lambda file: recorded(file, nested(30, ""), bytes([0, 1, 0, 0]) + bytes(500)),
@@ -134,12 +136,12 @@ BOMBS: dict[str, Callable[[Path], None]] = {
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """A folder of each bomb, and what was said as it was read."""
-    made = {name: tmp_path_factory.mktemp("bomb") for name in BOMBS}
-    for name, folder in made.items():
+    folders_of_bombs = {name: tmp_path_factory.mktemp("bomb") for name in BOMBS}
+    for name, folder in folders_of_bombs.items():
         BOMBS[name](folder / "bomb.mcap")
         assert (folder / "bomb.mcap").stat().st_size < 10 << 20
-    read(*made.values())
-    return made
+    read(*folders_of_bombs.values())
+    return folders_of_bombs
 
 
 def read(*folders: Path) -> None:

@@ -35,9 +35,9 @@ uint32 nanosec
 
 @pytest.fixture(scope="module")
 def store() -> Any:
-    made = get_typestore(Stores.EMPTY)
-    made.register(get_types_from_msg(DEFINITION, MIXED))
-    return made
+    store_of_types = get_typestore(Stores.EMPTY)
+    store_of_types.register(get_types_from_msg(DEFINITION, MIXED))
+    return store_of_types
 
 
 def random_message(store: Any, random: np.random.Generator) -> Any:
@@ -57,12 +57,12 @@ def random_message(store: Any, random: np.random.Generator) -> Any:
 def at(message: Any, place: int) -> dict[str, Any]:
     """The message at a place of a block."""
     return {
-        "flags": [bool(one[place]) for one in message.flags],
+        "flags": [bool(flag[place]) for flag in message.flags],
         "name": message.name,
         "status": int(message.status[place]),
-        "values": [float(one[place]) for one in message.values],
+        "values": [float(number[place]) for number in message.values],
         "names": message.names,
-        "times": [(int(one.sec[place]), int(one.nanosec[place])) for one in message.times],
+        "times": [(int(stamp.sec[place]), int(stamp.nanosec[place])) for stamp in message.times],
         "last": int(message.last[place]),
     }
 
@@ -71,13 +71,13 @@ def plain(message: Any) -> dict[str, Any]:
     """The same of a message of rosbags."""
     fields = {name: getattr(message, name) for name in ("name", "status", "last")}
     lists = {name: list(getattr(message, name)) for name in ("flags", "values", "names")}
-    return {**fields, **lists, "times": [(one.sec, one.nanosec) for one in message.times]}
+    return {**fields, **lists, "times": [(stamp.sec, stamp.nanosec) for stamp in message.times]}
 
 
-def listed(found: Sequence[Block], count: int) -> list[Any]:
+def listed(decoded: Sequence[Block], count: int) -> list[Any]:
     """Messages of all blocks by their places."""
     messages: list[Any] = [None] * count
-    for block in found:
+    for block in decoded:
         for i, row in enumerate(block.rows.tolist()):
             assert messages[row] is None
             messages[row] = at(block.message, i)
@@ -88,13 +88,13 @@ def listed(found: Sequence[Block], count: int) -> list[Any]:
 def test_messages_of_many_layouts(store: Any, little_endian: bool) -> None:
     random = np.random.default_rng(3)
     sent = [random_message(store, random) for _ in range(1500)]
-    data = [bytes(store.serialize_cdr(one, MIXED, little_endian=little_endian)) for one in sent]
-    found, odd = blocks(data, store.fielddefs, MIXED)
+    data = [bytes(store.serialize_cdr(message, MIXED, little_endian=little_endian)) for message in sent]
+    decoded, odd = blocks(data, store.fielddefs, MIXED)
     assert odd == 0
-    assert len(found) > 2 * PASSES
-    assert len(found) < len(sent) / 2
-    assert listed(found, len(sent)) == [plain(one) for one in sent]
-    firsts = [int(block.rows[0]) for block in found]
+    assert len(decoded) > 2 * PASSES
+    assert len(decoded) < len(sent) / 2
+    assert listed(decoded, len(sent)) == [plain(message) for message in sent]
+    firsts = [int(block.rows[0]) for block in decoded]
     assert firsts == sorted(firsts)
 
 
@@ -109,10 +109,10 @@ def test_number_is_in_the_order_of_this_machine(store: Any) -> None:
 def test_messages_are_left_out_and_moved(store: Any) -> None:
     random = np.random.default_rng(5)
     sent = [random_message(store, random) for _ in range(200)]
-    data = [bytes(store.serialize_cdr(one, MIXED)) for one in sent]
+    data = [bytes(store.serialize_cdr(message, MIXED)) for message in sent]
     place = np.where(np.arange(200) % 3 == 0, np.arange(200) // 3, -1)
     moved = [kept(block, place[block.rows]) for block in blocks(data, store.fielddefs, MIXED)[0]]
-    assert listed([block for block in moved if len(block.rows)], 67) == [plain(one) for one in sent[::3]]
+    assert listed([block for block in moved if len(block.rows)], 67) == [plain(message) for message in sent[::3]]
 
 
 def test_cut_and_foreign_bytes_are_left_out(store: Any) -> None:
@@ -122,10 +122,10 @@ def test_cut_and_foreign_bytes_are_left_out(store: Any) -> None:
     cut = [whole[:length] for length in range(len(whole.rstrip(b"\0")))]
     odd = [*cut, b"\x00\x07" + whole[2:]]
     assert blocks(odd, store.fielddefs, MIXED) == ([], len(odd))
-    mixed = [one for place, each in enumerate(odd) for one in ([each, whole] if place % 3 == 0 else [each])]
-    found, left = blocks(mixed, store.fielddefs, MIXED)
+    mixed = [raw for place, each in enumerate(odd) for raw in ([each, whole] if place % 3 == 0 else [each])]
+    decoded, left = blocks(mixed, store.fielddefs, MIXED)
     assert left == len(odd)
-    assert listed(found, len(mixed) - left) == [plain(message)] * (len(mixed) - left)
+    assert listed(decoded, len(mixed) - left) == [plain(message)] * (len(mixed) - left)
 
 
 @pytest.mark.parametrize("name", sorted({message_type for message_type, _ in KINDS.values()}))

@@ -46,7 +46,7 @@ def test_cut_anywhere(tmp_path: Path, random_record: Callable[..., Record], writ
     with file.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
-    ends = [one.chunk_start_offset + one.chunk_length for one in summary.chunk_indexes]
+    ends = [index.chunk_start_offset + index.chunk_length for index in summary.chunk_indexes]
     assert len(ends) == 10
     lengths = [0, 1, 8, len(whole) - 1, *random.Random(0).sample(range(len(whole)), 30)]
     for length in [*lengths, *(end + more for end in ends for more in (-1, 0, 1))]:

@@ -36,15 +36,15 @@ OTHERS = [
 
 @pytest.mark.parametrize("name", TYPES)
 def test_fields_that_are_read_are_in_the_message_definitions(name: str) -> None:
-    for own, (_, fields) in get_types_from_msg(schema_text(name), name).items():
-        assert FIELDS[own].items() <= {field: written(kind) for field, kind in fields}.items()
+    for type_name, (_, fields) in get_types_from_msg(schema_text(name), name).items():
+        assert FIELDS[type_name].items() <= {field: written(kind) for field, kind in fields}.items()
 
 
 def changed(text: str, owner: str, field: str, other: str | None) -> str:
     """A schema with another type of a field of one of its messages, or without the field."""
     line = re.compile(rf"^\S+( +{field}\b)", re.MULTILINE)
-    head, found, own = text.partition(f"{SEPARATOR}\nMSG: {owner.replace('/msg/', '/')}\n")
-    parts = [head + found, own] if found else ["", text]
+    head, separator, definition = text.partition(f"{SEPARATOR}\nMSG: {owner.replace('/msg/', '/')}\n")
+    parts = [head + separator, definition] if separator else ["", text]
     assert line.search(parts[1])
     return parts[0] + line.sub(rf"{other}\1" if other else r"#\1", parts[1], count=1)
 
@@ -56,15 +56,17 @@ FIRST = {FIELDS[owner][field]: (owner, field) for owner, field in reversed(READ)
 @pytest.mark.parametrize(("owner", "field"), READ)
 def test_field_of_another_type_is_refused(owner: str, field: str) -> None:
     """The first field of each type with all others, the rest with one each by turns, and without the field."""
-    name = next(one for one in TYPES if owner in get_types_from_msg(schema_text(one), one))
+    name = next(
+        name_of_type for name_of_type in TYPES if owner in get_types_from_msg(schema_text(name_of_type), name_of_type)
+    )
     allowed, turn = FIELDS[owner][field], READ.index((owner, field)) % len(OTHERS)
     others = OTHERS if FIRST[allowed] == (owner, field) else OTHERS[turn : turn + 1]
-    for other in [None, *(one for one in others if one != allowed)]:
+    for other in [None, *(other_type for other_type in others if other_type != allowed)]:
         topic = TopicInfo("/topic", name, changed(schema_text(name), owner, field, other), "", "")
         with pytest.raises(RecordingError) as caught:
             decode(topic, [bytes(4)], [])
-        given = f"{owner}.{field}: {other or 'no such field'} given; allowed: {allowed}"
-        assert str(caught.value) == f"schema of {name}: {given}"
+        problem = f"{owner}.{field}: {other or 'no such field'} given; allowed: {allowed}"
+        assert str(caught.value) == f"schema of {name}: {problem}"
         assert decode(topic, [], []) == []
 
 
@@ -79,10 +81,10 @@ def test_recording_of_other_fields_is_refused_in_a_line(
     written(random_record(21, 3), tmp_path / "run")
     content = scan(tmp_path / "run")
     with RecordingWriter(tmp_path / "other", content.configuration) as writer:
-        for one in content.topics.values():
-            own = any(line.endswith(f"/{owner}") for line in (one.message_type, *one.schema.splitlines()))
-            text = changed(one.schema, f"facts_damping_msgs/msg/{owner}", field, other) if own else one.schema
-            writer.copy_topic(one._replace(schema=text))
+        for topic in content.topics.values():
+            contains = any(line.endswith(f"/{owner}") for line in (topic.message_type, *topic.schema.splitlines()))
+            text = changed(topic.schema, f"facts_damping_msgs/msg/{owner}", field, other) if contains else topic.schema
+            writer.copy_topic(topic._replace(schema=text))
         for message in content.messages:
             writer.write(message.topic, message.data, message.log_ns, message.publish_ns)
     said = (
@@ -112,10 +114,13 @@ def test_fields_that_are_not_read_may_lack(
     record = with_estimates(random_record(22, 4))
     written(record, tmp_path / "whole")
     content = scan(tmp_path / "whole")
-    texts = {own: "".join(f"{kind} {name}\n" for name, kind in FIELDS[own].items()) for own in FIELDS}
+    texts = {type_name: "".join(f"{kind} {name}\n" for name, kind in FIELDS[type_name].items()) for type_name in FIELDS}
     schemas = {
         name: "".join(
-            [texts[name], *(f"{SEPARATOR}\nMSG: {own}\n{text}" for own, text in texts.items() if own != name)]
+            [
+                texts[name],
+                *(f"{SEPARATOR}\nMSG: {type_name}\n{text}" for type_name, text in texts.items() if type_name != name),
+            ]
         )
         for name in TYPES
     }
@@ -124,10 +129,15 @@ def test_fields_that_are_not_read_may_lack(
     with RecordingWriter(tmp_path / "slim", content.configuration) as writer:
         for topic in content.topics.values():
             writer.add_topic(topic.name, topic.message_type, schema=schemas[topic.message_type])
-        for one in content.messages:
-            message_type = content.topics[one.topic].message_type
-            message = slim(store, messages.store.deserialize_cdr(one.data, message_type))
-            writer.write(one.topic, bytes(store.serialize_cdr(message, message_type)), one.log_ns, one.publish_ns)
+        for message_raw in content.messages:
+            message_type = content.topics[message_raw.topic].message_type
+            message = slim(store, messages.store.deserialize_cdr(message_raw.data, message_type))
+            writer.write(
+                message_raw.topic,
+                bytes(store.serialize_cdr(message, message_type)),
+                message_raw.log_ns,
+                message_raw.publish_ns,
+            )
     assert_same(load(tmp_path / "slim"), load(tmp_path / "whole"))
     assert len(load(tmp_path / "slim").estimates) == len(record.estimates)
 
@@ -135,7 +145,7 @@ def test_fields_that_are_not_read_may_lack(
 def slim(store: Any, value: Any) -> Any:
     """A message, and those in it, with nothing but the fields that are read."""
     if isinstance(value, list):
-        return [slim(store, one) for one in value]
+        return [slim(store, member) for member in value]
     name = getattr(value, "__msgtype__", None)
     if name is None:
         return value

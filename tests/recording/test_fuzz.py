@@ -68,30 +68,30 @@ def read(data: bytes, name: str = "run.mcap") -> Record | str:
         return part
 
 
-def assert_sound(found: Record | str, whole: Record) -> None:
+def assert_sound(outcome: Record | str, whole: Record) -> None:
     """What is read is what was written: no number is another one, and what lacks is said."""
-    if isinstance(found, str):
+    if isinstance(outcome, str):
         return
-    assert found.configuration in (whole.configuration, {})
-    places = np.searchsorted(whole.time_ns, found.time_ns)
-    assert found.time_ns.tobytes() == whole.time_ns[places].tobytes()
+    assert outcome.configuration in (whole.configuration, {})
+    places = np.searchsorted(whole.time_ns, outcome.time_ns)
+    assert outcome.time_ns.tobytes() == whole.time_ns[places].tobytes()
     for name in ("frames", "machines", "devices"):
-        assert getattr(found, name).tobytes() == getattr(whole, name)[places].tobytes()
+        assert getattr(outcome, name).tobytes() == getattr(whole, name)[places].tobytes()
     for name in TABLES:
-        rows, known = getattr(found, name), getattr(whole, name)
+        rows, known = getattr(outcome, name), getattr(whole, name)
         assert {row.tobytes() for row in rows} <= {row.tobytes() for row in known}
-    complete = len(found.time_ns) == len(whole.time_ns) and found.configuration and found.gap_tick is None
-    if not complete or any(len(getattr(found, name)) < len(getattr(whole, name)) for name in TABLES):
-        assert found.notes
+    complete = len(outcome.time_ns) == len(whole.time_ns) and outcome.configuration and outcome.gap_tick is None
+    if not complete or any(len(getattr(outcome, name)) < len(getattr(whole, name)) for name in TABLES):
+        assert outcome.notes
 
 
 def test_whole_file_is_sound(whole: bytes, record: Record) -> None:
-    found = read(whole)
-    assert not isinstance(found, str), found
-    assert_sound(found, record)
-    assert found.notes == []
-    assert found.gap_tick is None
-    assert len(found.time_ns) == 60
+    outcome = read(whole)
+    assert not isinstance(outcome, str), outcome
+    assert_sound(outcome, record)
+    assert outcome.notes == []
+    assert outcome.gap_tick is None
+    assert len(outcome.time_ns) == 60
 
 
 @given(fraction=st.floats(0.0, 1.0))
@@ -99,9 +99,9 @@ def test_whole_file_is_sound(whole: bytes, record: Record) -> None:
 @example(0.5)
 @FUZZ
 def test_cut_anywhere(whole: bytes, record: Record, fraction: float) -> None:
-    found = read(whole[: int(fraction * (len(whole) - 1))])
-    assert_sound(found, record)
-    assert isinstance(found, str) or found.notes
+    outcome = read(whole[: int(fraction * (len(whole) - 1))])
+    assert_sound(outcome, record)
+    assert isinstance(outcome, str) or outcome.notes
 
 
 @given(flips=st.lists(st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.integers(0, 7)), min_size=1, max_size=4))
@@ -141,8 +141,8 @@ def test_changed_bit_of_the_stored_run_is_noticed(whole: bytes) -> None:
     for place in range(start, start + len(text), len(text) // 15):
         data = bytearray(whole)
         data[place] ^= 1
-        found = read(bytes(data[: len(data) * 3 // 4]))  # cut, so that there is no checksum of the whole
-        assert "holds no run" in str(found)
+        outcome = read(bytes(data[: len(data) * 3 // 4]))  # cut, so that there is no checksum of the whole
+        assert "holds no run" in str(outcome)
         cut = _load(bytes(data[: len(data) * 3 // 4]))
         assert any("run.yaml is damaged and left out" in note for note in cut.notes)
         assert cut.configuration == {}
@@ -162,9 +162,9 @@ def test_chunk_whose_kind_is_flipped_is_missed(whole: bytes, record: Record) -> 
         chunk = whole.rindex(b"zstd", 0, chunk)
     data = bytearray(whole)
     data[chunk - 41] = 0x56
-    found = _load(bytes(data))
-    assert len(found.time_ns) < 60
-    assert any("checksum of the file" in note for note in found.notes)
+    loaded = _load(bytes(data))
+    assert len(loaded.time_ns) < 60
+    assert any("checksum of the file" in note for note in loaded.notes)
 
 
 def foreign(folder: Path, configuration: str, schemas: dict[str, tuple[str, str]], data: bytes, times: int = 3) -> Path:
@@ -240,18 +240,18 @@ def test_tick_far_away_neither_hangs_nor_fills_the_memory(
 ) -> None:
     """As a sender of another version, or of another kind, might number them."""
     written(record, tmp_path / "run", change=late)
-    found = load(tmp_path / "run")
-    assert {f"{topic}: 1 messages of ticks outside the run are left out" for topic in FAR} <= set(found.notes)
-    assert len(found.time_ns) == 59
+    loaded = load(tmp_path / "run")
+    assert {f"{topic}: 1 messages of ticks outside the run are left out" for topic in FAR} <= set(loaded.notes)
+    assert len(loaded.time_ns) == 59
 
 
 def test_tick_far_away_in_a_bag_without_a_run_does_not_either(
     tmp_path: Path, record: Record, messages: Any, written: Callable[..., None]
 ) -> None:
     written(record, tmp_path / "run", change=late, configuration="none")
-    found = load(tmp_path / "run")
-    assert any(note.startswith(f"/pmu/delivered: {10**14 - 60} of") for note in found.notes)
-    assert found.gap_tick in (59, 60)
+    loaded = load(tmp_path / "run")
+    assert any(note.startswith(f"/pmu/delivered: {10**14 - 60} of") for note in loaded.notes)
+    assert loaded.gap_tick in (59, 60)
 
 
 @pytest.mark.parametrize(
@@ -259,10 +259,10 @@ def test_tick_far_away_in_a_bag_without_a_run_does_not_either(
 )
 def test_missing_message_ends_the_replay_at_its_tick(tmp_path: Path, record: Record, written: Any, topic: str) -> None:
     written(record, tmp_path / "run", skip=lambda name, tick: (name, tick) == (topic, 41))
-    found = load(tmp_path / "run")
-    assert found.gap_tick == 41
-    case = replay.case_of(found, "it", None, [])
-    part = replay.fitted(found, case)
+    loaded = load(tmp_path / "run")
+    assert loaded.gap_tick == 41
+    case = replay.case_of(loaded, "it", None, [])
+    part = replay.fitted(loaded, case)
     assert part.ticks.tolist() == list(range(41))
     assert len(part.issued) > 5
     assert replay.first_difference(part, replay.play(case, part)[0]) is None
@@ -272,16 +272,18 @@ def test_missing_message_ends_the_replay_at_its_tick(tmp_path: Path, record: Rec
 def test_run_of_another_version_is_left_out_with_a_line(
     tmp_path: Path, record: Record, written: Any, change: str
 ) -> None:
-    made = dict(record.configuration)
+    configuration = dict(record.configuration)
     if change == "newer":
-        made["weather"] = "rain"
+        configuration["weather"] = "rain"
     elif change == "older":
-        made["system"] = {"name": "two_area", "machines": []}
-    content: Any = {"text": "nothing", "list": [1, 2], "other": {"seed": [1], "controllers": 5}}.get(change, made)
+        configuration["system"] = {"name": "two_area", "machines": []}
+    content: Any = {"text": "nothing", "list": [1, 2], "other": {"seed": [1], "controllers": 5}}.get(
+        change, configuration
+    )
     written(record, tmp_path / "run", configuration=yaml.safe_dump(content))
-    found = load(tmp_path / "run")
-    assert found.configuration == {}
-    (note,) = found.notes
+    loaded = load(tmp_path / "run")
+    assert loaded.configuration == {}
+    (note,) = loaded.notes
     assert "configuration" in note
     assert "\n" not in note
 
@@ -333,9 +335,9 @@ def test_run_in_a_recording_that_is_nearly_right(
     written(record, folder / "run", configuration=text)
     out = ["--out", str(folder / "out")] if command != "replay" else []
     assert main([command, str(folder / "run"), *out]) in (0, 1, 2)
-    told = capsys.readouterr().err
-    assert "Traceback" not in told
-    assert told.replace("\n", "").isprintable() or told == ""
+    errors = capsys.readouterr().err
+    assert "Traceback" not in errors
+    assert errors.replace("\n", "").isprintable() or errors == ""
 
 
 def test_damaged_recordings(tmp_path: Path, whole: bytes, capsys: Any) -> None:

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from facts_damping.record import Record
 
 
-def assert_identical(one: Record, other: Record, ignore: tuple[str, ...] = ()) -> None:
-    for field in dataclasses.fields(one):
-        a, b = getattr(one, field.name), getattr(other, field.name)
+def assert_identical(first: Record, other: Record, ignore: tuple[str, ...] = ()) -> None:
+    for field in dataclasses.fields(first):
+        a, b = getattr(first, field.name), getattr(other, field.name)
         if field.name in ignore:
             continue
         if isinstance(a, np.ndarray):

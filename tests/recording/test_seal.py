@@ -26,12 +26,12 @@ def folder(tmp_path: Path, random_record: Callable[..., Record], write_record: A
 
 def test_recording_keeps_its_digest(folder: Path) -> None:
     before = yaml.safe_load((folder / "metadata.yaml").read_text())
-    made = seal(folder)
+    sealed = seal(folder)
     information = yaml.safe_load((folder / "metadata.yaml").read_text())
     stored = information["rosbag2_bagfile_information"]["custom_data"].pop("digest")
-    assert json.loads(stored) == digest(made)
+    assert json.loads(stored) == digest(sealed)
     assert information == before
-    assert made.versions == {"facts_damping": "1"}
+    assert sealed.versions == {"facts_damping": "1"}
     assert load(folder).notes == []
 
 

@@ -26,7 +26,9 @@ def test_copy_has_the_same_record_by_the_stamps(
     assert_same(load(tmp_path / "b"), load(tmp_path / "a"))
     copied, before = scan(tmp_path / "b"), scan(tmp_path / "a")
     assert copied.versions == before.versions
-    assert sorted(one.data for one in copied.messages) == sorted(one.data for one in before.messages)
+    assert sorted(raw_message.data for raw_message in copied.messages) == sorted(
+        raw_message.data for raw_message in before.messages
+    )
     for message in copied.messages:
         (block,) = decode(copied.topics[message.topic], [message.data], [])
         assert message.log_ns == message.publish_ns == time_ns(block.message.header.stamp)[0]
@@ -41,7 +43,7 @@ def test_stamp_before_the_start_counts_as_the_start(tmp_path: Path, messages: An
         event = GridEvent(-1, "fault", "a", 0.0, 0.0)
         writer.write("/plant/events", messages.cdr(messages.event(event)), 5, 5)
     in_simulated_time(tmp_path / "a", tmp_path / "b")
-    assert [one.log_ns for one in scan(tmp_path / "b").messages] == [0]
+    assert [message.log_ns for message in scan(tmp_path / "b").messages] == [0]
 
 
 @pytest.mark.parametrize(
@@ -67,4 +69,4 @@ def test_messages_without_a_stamp_are_left_out(
     assert not (tmp_path / "b").exists()
     (note,) = in_simulated_time(tmp_path / "c", tmp_path / "b")
     assert note.startswith(said)
-    assert [one.log_ns for one in scan(tmp_path / "b").messages] == [7]
+    assert [message.log_ns for message in scan(tmp_path / "b").messages] == [7]

@@ -82,8 +82,8 @@ def stored(sound: Path) -> Callable[[Any, Path], str]:
         with RecordingWriter(folder, run if isinstance(run, str) else dump(run), content.versions) as writer:
             for topic in content.topics.values():
                 writer.copy_topic(topic)
-            for one in content.messages:
-                writer.write(one.topic, one.data, one.log_ns, one.publish_ns, one.sequence)
+            for message in content.messages:
+                writer.write(message.topic, message.data, message.log_ns, message.publish_ns, message.sequence)
         return str(folder)
 
     return store
@@ -266,9 +266,9 @@ def test_recording_whose_messages_all_come_twice_replays_exactly(
     with RecordingWriter(place / "twice", content.configuration, content.versions) as writer:
         for topic in content.topics.values():
             writer.copy_topic(topic)
-        again = content.messages * 2 if late else [one for one in content.messages for _ in range(2)]
-        for one in again:
-            writer.write(one.topic, one.data, one.log_ns, one.publish_ns, one.sequence)
+        again = content.messages * 2 if late else [message for message in content.messages for _ in range(2)]
+        for message in again:
+            writer.write(message.topic, message.data, message.log_ns, message.publish_ns, message.sequence)
     assert main(["replay", "twice"]) == 0
     out, errors = capsys.readouterr()
     assert f"exact: digest {fd.load_recording(sound).digest}" in out
@@ -285,9 +285,9 @@ def test_folder_that_is_removed_while_a_report_is_made_ends_the_command_in_a_lin
     write = report.write
     (place / "page").mkdir()
 
-    def removing(*given: Any) -> None:
+    def removing(*positional: Any) -> None:
         (place / "page").rmdir()
-        write(*given)
+        write(*positional)
 
     monkeypatch.setattr(report, "write", removing)
     command = ["analyze", str(sound), "--report", "page/it.html", "--out", "out"]

@@ -39,8 +39,8 @@ def into(tmp_path: Path, record: Record, written: Any) -> Callable[[str, bytes],
         written(record, tmp_path / "own")
         content = scan(tmp_path / "own")
         with RecordingWriter(tmp_path / "mixed", content.configuration, content.versions) as writer:
-            for one in content.topics.values():
-                writer.copy_topic(one)
+            for topic_info in content.topics.values():
+                writer.copy_topic(topic_info)
             for _ in range(first):
                 writer.write(topic, data, 1, 1)
             for message in content.messages:
@@ -63,9 +63,9 @@ def named(record: Record, field: str) -> Record:
 
 
 def rows(device: int = 0) -> Any:
-    found = np.zeros(1, SETPOINT)
-    found["device"] = device
-    return found
+    setpoints = np.zeros(1, SETPOINT)
+    setpoints["device"] = device
+    return setpoints
 
 
 @pytest.mark.parametrize("first", [False, True])
@@ -101,29 +101,29 @@ def rows(device: int = 0) -> Any:
 def test_foreign_message_is_set_aside(
     into: Any, record: Record, messages: Any, topic: str, make: Callable[[Any, Record], bytes], said: str, first: bool
 ) -> None:
-    found = into(topic, make(messages, record), first)
-    (note,) = found.notes
+    loaded = into(topic, make(messages, record), first)
+    (note,) = loaded.notes
     assert note.startswith(f"{topic}: 1 messages {said}")
     assert note.endswith(" are left out")
-    assert_same(dataclasses.replace(found, notes=[]), record)
+    assert_same(dataclasses.replace(loaded, notes=[]), record)
 
 
 def test_several_setpoints_of_a_tick_are_all_kept(into: Any, record: Record, messages: Any) -> None:
     """What a second publisher said acted, too: `analyze` and `load` show it."""
     more = rows(1)
     more["value"], more["tick"] = 0.1, 4
-    found = into("/setpoints/delivered", messages.cdr(messages.setpoints(record, stamp(4), 4, "", more)))
-    assert found.notes == ["/setpoints/delivered: 1 messages repeat a tick: all are kept"]
-    at = found.applied[found.applied["tick"] == 4]
+    loaded = into("/setpoints/delivered", messages.cdr(messages.setpoints(record, stamp(4), 4, "", more)))
+    assert loaded.notes == ["/setpoints/delivered: 1 messages repeat a tick: all are kept"]
+    at = loaded.applied[loaded.applied["tick"] == 4]
     assert at[-1].tobytes() == more[0].tobytes()
-    assert len(found.applied) == len(record.applied) + 1
-    assert found.frames.tobytes() == record.frames.tobytes()
+    assert len(loaded.applied) == len(record.applied) + 1
+    assert loaded.frames.tobytes() == record.frames.tobytes()
 
 
 def test_of_several_frames_of_a_tick_the_first_counts(into: Any, record: Record, messages: Any) -> None:
-    found = into("/pmu/frames", messages.cdr(messages.frames(stamp(4), 4, [])))
-    assert found.notes == ["/pmu/frames: 1 messages repeat a tick: the first counts"]
-    assert found.frames.tobytes() == record.frames.tobytes()
+    loaded = into("/pmu/frames", messages.cdr(messages.frames(stamp(4), 4, [])))
+    assert loaded.notes == ["/pmu/frames: 1 messages repeat a tick: the first counts"]
+    assert loaded.frames.tobytes() == record.frames.tobytes()
 
 
 @pytest.mark.parametrize("topic", ["/diagnostics", "/robot/diagnostics"])
@@ -131,21 +131,21 @@ def test_diagnostics_of_others_do_no_harm(tmp_path: Path, record: Record, writte
     """Several topics of them, foreign texts in them, and types that only sound like it."""
     for folder, kind in (("a", "diagnostic_msgs/msg/DiagnosticArray"), ("b", "std_msgs/msg/String")):
         written(record, tmp_path / folder, more={topic: kind, "/other/diagnostics": kind})
-        found = load(tmp_path / folder)
-        assert found.frames.tobytes() == record.frames.tobytes()
-        assert found.joined == []
+        loaded = load(tmp_path / folder)
+        assert loaded.frames.tobytes() == record.frames.tobytes()
+        assert loaded.joined == []
 
 
 def test_joins_are_read_and_odd_ones_are_not() -> None:
-    def told(joined: str, armed: str) -> Any:
+    def status(joined: str, armed: str) -> Any:
         values = [SimpleNamespace(key="joined_ns", value=joined), SimpleNamespace(key="armed_ns", value=armed)]
         return Block(np.arange(1), SimpleNamespace(status=[SimpleNamespace(name="/n", values=values)]))
 
-    odd = [told("9" * 400, ""), told("x", ""), told("-5", ""), told("\u0663", "")]
-    found = events.joined(
-        [*odd, told("2000000000", ""), told("2000000000", "3000000000"), told("1000000000", "9" * 99)]
+    odd = [status("9" * 400, ""), status("x", ""), status("-5", ""), status("\u0663", "")]
+    joins = events.joined(
+        [*odd, status("2000000000", ""), status("2000000000", "3000000000"), status("1000000000", "9" * 99)]
     )
-    assert found == [
+    assert joins == [
         NodeJoined("/n", 1.0, None),
         NodeJoined("/n", 2.0, 3.0),
     ]
@@ -160,25 +160,25 @@ def test_lists_that_do_not_fit_are_set_aside(tmp_path: Path, random_record: Any,
         return message
 
     written(record, tmp_path / "run", change=shorter)
-    found = load(tmp_path / "run")
+    loaded = load(tmp_path / "run")
     said = "2 messages with lists of a wrong length are left out"
-    assert f"/identifier_2_X/estimate: {said}" in found.notes
-    assert found.frames.tobytes() == record.frames.tobytes()
-    assert len(found.estimates) == len(record.estimates) - 8
+    assert f"/identifier_2_X/estimate: {said}" in loaded.notes
+    assert loaded.frames.tobytes() == record.frames.tobytes()
+    assert len(loaded.estimates) == len(record.estimates) - 8
 
 
 def test_flood_of_names_is_told_in_a_few_lines(tmp_path: Path, record: Record, messages: Any, written: Any) -> None:
     written(record, tmp_path / "own")
     content = scan(tmp_path / "own")
     with RecordingWriter(tmp_path / "mixed", content.configuration, content.versions) as writer:
-        for one in content.topics.values():
-            writer.copy_topic(one)
+        for topic_info in content.topics.values():
+            writer.copy_topic(topic_info)
         for i in range(100):  # more than the controller's own
             data = messages.cdr(messages.setpoints(record, stamp(3), 3, f"forger_{i % 50}", rows()))
             writer.write("/controller_2_A/setpoints", data, 1, 1)
         for message in content.messages:
             writer.write(message.topic, message.data, message.log_ns, message.publish_ns, message.sequence)
-    found = load(tmp_path / "mixed")
-    assert_same(dataclasses.replace(found, notes=[]), record)
-    assert len(found.notes) == 6
-    assert found.notes[-1] == "/controller_2_A/setpoints: 90 messages with other unknown names are left out"
+    loaded = load(tmp_path / "mixed")
+    assert_same(dataclasses.replace(loaded, notes=[]), record)
+    assert len(loaded.notes) == 6
+    assert loaded.notes[-1] == "/controller_2_A/setpoints: 90 messages with other unknown names are left out"

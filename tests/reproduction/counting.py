@@ -143,14 +143,14 @@ def counted(numbers: Iterable[Number]) -> Counter[str]:
 
 def needed(tape: Tape, outputs: Iterable[Any]) -> list[Number]:
     """The numbers that outputs are made of, and those that any decision was made by."""
-    found: dict[int, Number] = {}
+    by_id: dict[int, Number] = {}
     waiting = [*tape.decided, *(x for x in outputs if isinstance(x, Number))]
     while waiting:
         number = waiting.pop()
-        if id(number) not in found:
-            found[id(number)] = number
+        if id(number) not in by_id:
+            by_id[id(number)] = number
             waiting += number.of
-    return list(found.values())
+    return list(by_id.values())
 
 
 def _value(x: Any, *, deciding: bool = False) -> float:
@@ -216,12 +216,12 @@ def counts(variant: Variant) -> tuple[Counter[str], Counter[str]]:
 
 def rows() -> list[dict[str, Any]]:
     """The rows of the file."""
-    found = []
+    operation_rows = []
     for name, variant in VARIANTS.items():
         output, step = counts(variant)
         kinds = (*Operations._fields[2:], *OTHERS)
-        found += [{"controller": name, "operation": o, "output": output[o], "step": step[o]} for o in kinds]
-    return found
+        operation_rows += [{"controller": name, "operation": o, "output": output[o], "step": step[o]} for o in kinds]
+    return operation_rows
 
 
 if __name__ == "__main__":

@@ -30,10 +30,10 @@ def shape(case: dict[str, Any]) -> tuple[str, ...]:
 
 def test_training_and_evaluation_share_no_kind_of_event_and_no_case() -> None:
     known = training(6, BEGIN, 8.0)
-    held = [one["set"] for one in evaluation(60, 65.0, 8.0, 0)]
-    late = {tuple(kind for kind in shape(one) if not kind.startswith("load")) for one in held}
-    assert not {shape(one) for one in known} & late
-    seeds = [one["seed"] for one in (*known, *held, *(x["set"] for x in evaluation(60, 65.0, 8.0, 1)))]
+    held = [case["set"] for case in evaluation(60, 65.0, 8.0, 0)]
+    late = {tuple(kind for kind in shape(case_sets) if not kind.startswith("load")) for case_sets in held}
+    assert not {shape(case_sets) for case_sets in known} & late
+    seeds = [case_sets["seed"] for case_sets in (*known, *held, *(x["set"] for x in evaluation(60, 65.0, 8.0, 1)))]
     assert len(set(seeds)) == len(seeds)
 
 
@@ -44,8 +44,8 @@ def found_of(levels: dict[str, float], random: np.random.Generator, spread: floa
     shared = random.normal(0.0, 0.5, 60)
     for name, level in levels.items():
         for seed in range(5):
-            own = level + random.normal(0.0, spread) + shared + random.normal(0.0, noise, 60)
-            rows[name, seed] = [{"lost": False, "index": float(np.exp(x))} for x in own]
+            log_indices = level + random.normal(0.0, spread) + shared + random.normal(0.0, noise, 60)
+            rows[name, seed] = [{"lost": False, "index": float(np.exp(x))} for x in log_indices]
     return {"rows": rows, "kinds": kinds}
 
 
@@ -53,19 +53,19 @@ def test_interval_is_over_searches_and_cases() -> None:
     """The luck of the search is in it: of 60 experiments about 95 % of the intervals hold the truth."""
     random, held = np.random.default_rng(5), 0
     for _ in range(60):
-        one = ratio([found_of({"a": -0.8, "b": -0.6}, random, 0.12, 0.1)], "a", "b", KINDS, 0.05)
-        held += one.low <= np.exp(-0.2) <= one.high
+        comparison = ratio([found_of({"a": -0.8, "b": -0.6}, random, 0.12, 0.1)], "a", "b", KINDS, 0.05)
+        held += comparison.low <= np.exp(-0.2) <= comparison.high
     assert held >= 50
     tight = ratio([found_of({"a": -0.8, "b": -0.6}, random, 0.0, 0.1)], "a", "b", KINDS, 0.05)
     assert tight.high - tight.low < 0.1
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "told"),
+    ("low", "high", "said"),
     [(0.8, 0.94, BETTER), (0.8, 0.96, OPEN), (0.96, 1.2, ALIKE), (1.06, 1.2, WORSE), (0.9, 1.1, OPEN)],
 )
-def test_rule_of_the_plan(low: float, high: float, told: str) -> None:
-    assert decision(low, high, 0.05) == told
+def test_rule_of_the_plan(low: float, high: float, said: str) -> None:
+    assert decision(low, high, 0.05) == said
 
 
 def test_repetitions_stand_beside_each_other() -> None:
@@ -73,13 +73,13 @@ def test_repetitions_stand_beside_each_other() -> None:
     random, names = np.random.default_rng(6), list(experiment.plan()["arms"])
     levels = {name: -1.0 + 0.2 * (name == "neuro-fuzzy") for name in names}
     every = {seed: found_of(levels, random, 0.05, 0.1) for seed in range(5)}
-    for found in every.values():
-        found |= {"arms": names, "searches": {("LQG", 0): {"value": -2.0}, ("LLC-tuned", 0): {"value": -1.9}}}
+    for results in every.values():
+        results |= {"arms": names, "searches": {("LQG", 0): {"value": -2.0}, ("LLC-tuned", 0): {"value": -1.9}}}
     first = next(line for line in pages.repetitions(every, pages.ratios(list(every.values()))) if "best fixed" in line)
     assert first.count(WORSE) == 6
     assert "5 of 5" in first
-    one, whole = (ratio(some, "neuro-fuzzy", "LQG", KINDS, 0.05) for some in ([every[0]], list(every.values())))
-    assert whole.high - whole.low < 0.6 * (one.high - one.low)
+    single, whole = (ratio(some, "neuro-fuzzy", "LQG", KINDS, 0.05) for some in ([every[0]], list(every.values())))
+    assert whole.high - whole.low < 0.6 * (single.high - single.low)
     assert whole.low < np.exp(0.2) < whole.high
 
 
@@ -95,8 +95,8 @@ def test_whole_way_with_a_small_plan(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     }
     common = {**whole["set"], **whole["search"]["set"]}  # steps twice as long, and so on
     small: dict[str, Any] = {**whole, "set": common, "arms": arms, "networks": whole["networks"][:1]}
-    for name, own in SMALL.items():
-        small[name] = {**whole[name], **own}
+    for name, part in SMALL.items():
+        small[name] = {**whole[name], **part}
     monkeypatch.setattr(experiment, "plan", lambda: small)
     monkeypatch.setattr(experiment, "FIRST_GENERATIONS", 1)
     monkeypatch.setattr(pages, "plan", lambda: small)
@@ -112,10 +112,10 @@ def test_whole_way_with_a_small_plan(monkeypatch: pytest.MonkeyPatch, tmp_path: 
         str(tmp_path / "x.json"),
     ]
     assert main(words) == 0
-    page, told = (tmp_path / "what_holds.md").read_text(), json.loads((tmp_path / "x.json").read_text())
-    assert all(line in page for line in told["answers"])
-    assert len((tmp_path / "what_holds.csv").read_text().splitlines()) == 1 + len(told["ratios"])
+    page, document = (tmp_path / "what_holds.md").read_text(), json.loads((tmp_path / "x.json").read_text())
+    assert all(line in page for line in document["answers"])
+    assert len((tmp_path / "what_holds.csv").read_text().splitlines()) == 1 + len(document["ratios"])
     assert "With the STATCOM as a second device" in page
-    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").rglob("*.json")}
+    times = {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").rglob("*.json")}
     assert main(words) == 0
-    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").rglob("*.json")} == kept
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").rglob("*.json")} == times

@@ -37,15 +37,15 @@ INDIRECT = ControllerId("MISO", "ANFLeC", "indirect")
 
 def as_printed() -> Found:
     """Figures that give every corrected cell: LLC's indices are 1, the others follow from the improvement over it."""
-    found: Found = {}
+    figures: Found = {}
     for cell in CELLS:
         run = ComparedRun(cell.system, cell.scenario, cell.who)
         if cell.against is None:
-            found.setdefault(run, {})["roughness"] = cell.corrected
+            figures.setdefault(run, {})["roughness"] = cell.corrected
         elif cell.against == LLC:
-            found.setdefault(run, {})[cell.quantity] = 1 - cell.corrected / 100
-            found.setdefault(run._replace(who=LLC), {})[cell.quantity] = 1.0
-    return found
+            figures.setdefault(run, {})[cell.quantity] = 1 - cell.corrected / 100
+            figures.setdefault(run._replace(who=LLC), {})[cell.quantity] = 1.0
+    return figures
 
 
 def reversed_cells() -> list[Cell]:
@@ -58,8 +58,8 @@ def reversed_cells() -> list[Cell]:
     ]
 
 
-def stated(figures: Figures, found: list[Cell] | None = None) -> list[Statement]:
-    return statements(compare(found or CELLS, figures))
+def stated(figures: Figures, cells_given: list[Cell] | None = None) -> list[Statement]:
+    return statements(compare(cells_given or CELLS, figures))
 
 
 def test_ours_is_the_cell_itself_where_the_runs_are_theirs() -> None:
@@ -86,9 +86,9 @@ def test_improvement_is_4_109_and_a_roughness_stands_as_it_is() -> None:
 
 
 def test_thesis_agrees_with_itself() -> None:
-    found = stated(as_printed())
-    assert contradictions(found) == []
-    rows = signs(found)
+    stated_here = stated(as_printed())
+    assert contradictions(stated_here) == []
+    rows = signs(stated_here)
     assert all(row.fraction == 1.0 and row.missing == 0 for row in rows)
     assert {(row.table, row.what): row.statements for row in rows} == {
         ("4.1", "improvement"): 336,
@@ -111,43 +111,47 @@ def test_thesis_agrees_with_itself() -> None:
 
 
 def test_thesis_turned_round_agrees_nowhere() -> None:
-    found = stated(as_printed(), reversed_cells())
-    assert [row.fraction for row in signs(found)] == [0.0] * 16
-    assert len(contradictions(found)) == len(found) == 1540
+    stated_here = stated(as_printed(), reversed_cells())
+    assert [row.fraction for row in signs(stated_here)] == [0.0] * 16
+    assert len(contradictions(stated_here)) == len(stated_here) == 1540
 
 
 def test_roughness_claims_of_the_thesis_itself() -> None:
     """Of figures 5.39 and 6.22 by hand."""
-    found = {(s.table, s.scenario, s.controller, s.scheme, s.what): s.theirs for s in stated(as_printed())}
-    indirect = found["5.4", "multiple", "HBsWC", "indirect", "smoother than direct"]
+    sizes_stated = {(s.table, s.scenario, s.controller, s.scheme, s.what): s.theirs for s in stated(as_printed())}
+    indirect = sizes_stated["5.4", "multiple", "HBsWC", "indirect", "smoother than direct"]
     assert indirect == pytest.approx(100 * (70.535 - 69.173) / 70.535)
-    direct = found["5.4", "multiple", "HBsWC", "direct", "smoother than LLC"]
+    direct = sizes_stated["5.4", "multiple", "HBsWC", "direct", "smoother than LLC"]
     assert direct == pytest.approx(100 * (7.827 - 70.535) / 7.827)
-    assert found["6.1", "multiple", "LLC", "", "smoother than MISO"] == pytest.approx(100 * (7.827 - 14.94) / 7.827)
-    assert found["6.1", "small", "HBsWC", "indirect", "smoother than MISO"] > 0
+    assert sizes_stated["6.1", "multiple", "LLC", "", "smoother than MISO"] == pytest.approx(
+        100 * (7.827 - 14.94) / 7.827
+    )
+    assert sizes_stated["6.1", "small", "HBsWC", "indirect", "smoother than MISO"] > 0
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_single_differing_cell_is_the_only_contradiction(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    found = list(CELLS)
-    i = int(rng.choice([i for i, c in enumerate(found) if c.against is not None]))
-    found[i] = found[i]._replace(corrected=-found[i].corrected, printed=-found[i].printed)
-    (row,) = contradictions(stated(as_printed(), found))
-    assert (row.table, row.scenario, row.controller, row.quantity) == (
-        found[i].table,
-        found[i].scenario,
-        found[i].controller,
-        found[i].quantity,
+    changed_cells = list(CELLS)
+    i = int(rng.choice([i for i, c in enumerate(changed_cells) if c.against is not None]))
+    changed_cells[i] = changed_cells[i]._replace(
+        corrected=-changed_cells[i].corrected, printed=-changed_cells[i].printed
     )
-    assert row.theirs == found[i].corrected
-    assert row.ours == pytest.approx(-found[i].corrected, abs=0.11)
-    assert sum(s.statements - s.agree for s in signs(stated(as_printed(), found))) == 3  # table, kind, all
+    (row,) = contradictions(stated(as_printed(), changed_cells))
+    assert (row.table, row.scenario, row.controller, row.quantity) == (
+        changed_cells[i].table,
+        changed_cells[i].scenario,
+        changed_cells[i].controller,
+        changed_cells[i].quantity,
+    )
+    assert row.theirs == changed_cells[i].corrected
+    assert row.ours == pytest.approx(-changed_cells[i].corrected, abs=0.11)
+    assert sum(s.statements - s.agree for s in signs(stated(as_printed(), changed_cells))) == 3  # table, kind, all
 
 
 def test_slip_whose_sign_is_wrong_counts_in_one_reading_only() -> None:
-    found = [c._replace(printed=-c.printed) if c.reason else c for c in CELLS]
-    last = signs(stated(as_printed(), found))[-1]
+    changed_cells = [c._replace(printed=-c.printed) if c.reason else c for c in CELLS]
+    last = signs(stated(as_printed(), changed_cells))[-1]
     assert (last.agree, last.agree_as_printed) == (1540, 1540 - 25)
     assert last.fraction_as_printed == pytest.approx(1515 / 1540)
 
@@ -155,12 +159,12 @@ def test_slip_whose_sign_is_wrong_counts_in_one_reading_only() -> None:
 def test_unstable_run_contradicts_everything_that_is_said_of_it() -> None:
     run = ComparedRun("smib", "light", INDIRECT)
     figures: Figures = {**as_printed(), run: None}
-    found = stated(figures)
-    said = contradictions(found)
+    stated_here = stated(figures)
+    said = contradictions(stated_here)
     assert all(s.ours is None and not s.agrees for s in said)
     assert {(s.scenario, s.controller, s.scheme) for s in said} == {("light", "ANFLeC", "indirect")}
     assert len(said) == 8 + 2
-    assert signs(found)[-1].missing == 10
+    assert signs(stated_here)[-1].missing == 10
     ranked = [r for r in rankings(compare(CELLS, figures)) if r.missing]
     assert {(r.table, r.quantity, r.scenario) for r in ranked} == {
         (table, q, "light")
@@ -200,26 +204,26 @@ def test_figure_that_is_no_number_is_missing_and_a_run_that_was_not_made_is_an_e
 
 
 def test_orders_of_the_thesis_are_its_own() -> None:
-    found = rankings(compare(CELLS, as_printed()))
+    orders = rankings(compare(CELLS, as_printed()))
     sizes = {"4.1": 16, "4.2": 12, "5.1": 16, "5.2": 8, "5.3": 12, "5.4": 6, "6.1": 3, "6.2": 12}
-    assert {t.table: t.rankings for t in totals(found)} == {**sizes, "all": 85}
-    assert all(len(r.controllers) == (4 if r.table in ("6.1", "6.2") else 11) for r in found)
-    assert all(r.rho == pytest.approx(1.0) and not r.far and r.same_best and r.same_two for r in found)
-    last = totals(found)[-1]
+    assert {t.table: t.rankings for t in totals(orders)} == {**sizes, "all": 85}
+    assert all(len(r.controllers) == (4 if r.table in ("6.1", "6.2") else 11) for r in orders)
+    assert all(r.rho == pytest.approx(1.0) and not r.far and r.same_best and r.same_two for r in orders)
+    last = totals(orders)[-1]
     assert (last.same_best, last.same_second, last.same_two, last.far) == (85, 85, 85, 0)
     assert last.mean_rho == pytest.approx(1.0)
     assert all(
-        r.p is not None and (r.p < 1e-3 if len(r.controllers) == 11 else r.p == pytest.approx(2 / 24)) for r in found
+        r.p is not None and (r.p < 1e-3 if len(r.controllers) == 11 else r.p == pytest.approx(2 / 24)) for r in orders
     )
 
 
 def test_best_and_second_by_hand() -> None:
-    found = {(r.table, r.scenario, r.quantity, r.scheme): r for r in rankings(compare(CELLS, as_printed()))}
-    first = found["5.1", "nominal", "ITAE", "indirect"]
+    orders = {(r.table, r.scenario, r.quantity, r.scheme): r for r in rankings(compare(CELLS, as_printed()))}
+    first = orders["5.1", "nominal", "ITAE", "indirect"]
     assert (first.best, first.second) == (("HBsWC",), ("ANFLeWC",))  # by the corrected 69.90, printed are 68.32
-    assert found["5.2", "multiple", "roughness", "direct"].best == ("ANFTrMeC",)
-    assert found["6.2", "small", "ISE", "indirect"].controllers == ("HBsWC", "ANFLeWC", "ANFTSC", "LLC")
-    means = mean_ranks(list(found.values()))
+    assert orders["5.2", "multiple", "roughness", "direct"].best == ("ANFTrMeC",)
+    assert orders["6.2", "small", "ISE", "indirect"].controllers == ("HBsWC", "ANFLeWC", "ANFTSC", "LLC")
+    means = mean_ranks(list(orders.values()))
     hbs = next(m for m in means if (m.table, m.quantity, m.controller) == ("4.2", "ITAE", "HBsWC"))
     assert hbs.theirs == hbs.ours == 1.0
     assert sum(m.theirs for m in means if (m.table, m.quantity) == ("4.1", "IAE")) == 66
@@ -255,8 +259,8 @@ def test_p_of_few_is_the_share_of_all_orders_that_are_as_far_from_zero(order: tu
 
     everybody = [rho(b) for b in itertools.permutations(range(1, 7))]
     low, high = (np.mean([sign * x >= sign * rho(order) - 1e-9 for x in everybody]) for sign in (-1, 1))
-    found, p = correlation([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [float(k) for k in order])
-    assert found == pytest.approx(rho(order))
+    coefficient, p = correlation([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [float(k) for k in order])
+    assert coefficient == pytest.approx(rho(order))
     assert p == pytest.approx(min(1.0, 2 * min(low, high)))
 
 
@@ -271,8 +275,8 @@ def test_p_of_eleven_is_near_that_of_the_t_distribution_and_the_same_each_time()
 
 def test_rows_go_into_markdown_csv_and_json() -> None:
     compared = compare(CELLS, as_printed())
-    found = statements(compared)
-    for rows in (compared, found, signs(found), rankings(compared), totals(rankings(compared))):
+    stated_here = statements(compared)
+    for rows in (compared, stated_here, signs(stated_here), rankings(compared), totals(rankings(compared))):
         flattened = [flat(row) for row in rows]
         text = io.StringIO()
         writer = csv.DictWriter(text, list(flattened[0]))
@@ -285,4 +289,4 @@ def test_rows_go_into_markdown_csv_and_json() -> None:
     lines = markdown(compared[:2], ["controller", "against", "reason"], ["printed", "ours"])
     assert lines[0] == "| controller | against | reason | printed | ours |"
     assert lines[2] == "| ANFTSC | MISO LLC |  | 47.01 | 47.01 |"
-    assert markdown(signs(found)[-1:], ["what"], ["agree", "fraction"], ".1%")[2] == "| all | 1540 | 100.0% |"
+    assert markdown(signs(stated_here)[-1:], ["what"], ["agree", "fraction"], ".1%")[2] == "| all | 1540 | 100.0% |"

@@ -28,17 +28,21 @@ def few() -> Iterator[None]:
         patched.setitem(SCENARIOS, "two_area", {"I": "small", "II": "large"})
         patched.setattr(results, "cells", lambda tables: CELLS if tables else [])
         patched.setitem(results.FOUND, "two_area", results.FOUND["two_area"][:2])
-        shown = [one for one in pictures.wanted(["6.1"]) if (one.kind, one.scenario) == ("mimo_jacobian", "small")]
+        shown = [
+            picture
+            for picture in pictures.wanted(["6.1"])
+            if (picture.kind, picture.scenario) == ("mimo_jacobian", "small")
+        ]
         patched.setattr(pictures, "wanted", lambda _tables: shown)
         yield
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = tmp_path_factory.mktemp("reproduce")
-    options = ["--draws", "2", "--jobs", "1", "--out", str(made), "--json", str(made / "told.json")]
+    out = tmp_path_factory.mktemp("reproduce")
+    options = ["--draws", "2", "--jobs", "1", "--out", str(out), "--json", str(out / "told.json")]
     assert main(["reproduce", "3.1", "6.1", *options]) == 0
-    return made
+    return out
 
 
 def test_second_run_that_goes_on_from_most_of_the_runs_in_another_order_gives_the_same(
@@ -94,5 +98,5 @@ def test_cells_are_those_of_a_run(folder: Path) -> None:
     assert {row["scenario"] for row in rows} == {"small", "large"}
     for row in rows:
         sets = [f"scenario={row['scenario']}", "controllers.0.name=ANFTSC", "link=ideal"]
-        told = summarise(loop.run(load_case("two_area_centralised", sets)))
-        assert float(row["ours"]) == pytest.approx(told.roughness, rel=1e-9)
+        summary = summarise(loop.run(load_case("two_area_centralised", sets)))
+        assert float(row["ours"]) == pytest.approx(summary.roughness, rel=1e-9)

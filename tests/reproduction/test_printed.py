@@ -39,39 +39,39 @@ def pair(cell: Cell) -> Key:
     return cell.table, cell.scenario, cell.controller, cell.quantity
 
 
-def one(table: str, scenario: str, who: ControllerId, quantity: str, against: ControllerId | None = None) -> Cell:
+def cell_of(table: str, scenario: str, who: ControllerId, quantity: str, against: ControllerId | None = None) -> Cell:
     """The only cell of a place."""
-    (found,) = [
+    (cell,) = [
         c for c in cells((table,)) if (c.scenario, c.who, c.quantity, c.against) == (scenario, who, quantity, against)
     ]
-    return found
+    return cell
 
 
 def test_printed_cells_have_distinct_places_and_known_names() -> None:
-    found = cells()
-    assert len(found) == sum(table.figures for table in TABLES.values())
-    assert len({c[:8] for c in found}) == len(found)
-    assert {c.controller for c in found} == {"LLC", *VARIANTS}
-    assert {c.quantity for c in found} == {*INDICES, "roughness"}
-    assert {f"{c.system}/{c.scenario}" for c in found} <= set(shipped("scenarios"))
-    assert all((c.scheme is None) == (c.controller == "LLC") for c in found)
-    assert all((c.against is None) == (c.quantity == "roughness") for c in found)
-    assert all(c.who != c.against for c in found)
-    assert all(float(f"{c.printed:.{c.decimals}f}") == c.printed for c in found)
+    printed_cells = cells()
+    assert len(printed_cells) == sum(table.figures for table in TABLES.values())
+    assert len({c[:8] for c in printed_cells}) == len(printed_cells)
+    assert {c.controller for c in printed_cells} == {"LLC", *VARIANTS}
+    assert {c.quantity for c in printed_cells} == {*INDICES, "roughness"}
+    assert {f"{c.system}/{c.scenario}" for c in printed_cells} <= set(shipped("scenarios"))
+    assert all((c.scheme is None) == (c.controller == "LLC") for c in printed_cells)
+    assert all((c.against is None) == (c.quantity == "roughness") for c in printed_cells)
+    assert all(c.who != c.against for c in printed_cells)
+    assert all(float(f"{c.printed:.{c.decimals}f}") == c.printed for c in printed_cells)
 
 
 def test_figures_stand_where_they_are_printed() -> None:
     direct, hbs = ControllerId("MISO", "ANFBsC", "direct"), ControllerId("MIMO", "HBsWC", "indirect")
-    assert one("4.1", "light", direct, "ITAE", DIRECT).printed == 26.56
-    assert one("4.1", "light", DIRECT, "ISE", LLC).printed == -3.296
-    assert one("4.1", "light", DIRECT, "IAE", LLC).decimals == 3
-    assert one("5.1", "multiple", ControllerId("MISO", "HBsWC", "indirect"), "ISE", LLC).printed == 46.48
-    assert one("5.2", "multiple", ControllerId("MISO", "ANFGuMeC", "indirect"), "roughness").printed == 11704
-    assert one("5.4", "large", LLC, "roughness").printed == 10829
-    assert one("6.1", "multiple", hbs, "roughness").printed == 26.24
-    assert one("6.1", "large", ControllerId("MIMO", "LLC", None), "roughness").printed == 275.66
-    assert one("6.2", "large", hbs, "IAE", DIRECT).printed == 53.56
-    assert one("6.2", "small", ControllerId("MIMO", "LLC", None), "ISE", LLC).printed == 1.826
+    assert cell_of("4.1", "light", direct, "ITAE", DIRECT).printed == 26.56
+    assert cell_of("4.1", "light", DIRECT, "ISE", LLC).printed == -3.296
+    assert cell_of("4.1", "light", DIRECT, "IAE", LLC).decimals == 3
+    assert cell_of("5.1", "multiple", ControllerId("MISO", "HBsWC", "indirect"), "ISE", LLC).printed == 46.48
+    assert cell_of("5.2", "multiple", ControllerId("MISO", "ANFGuMeC", "indirect"), "roughness").printed == 11704
+    assert cell_of("5.4", "large", LLC, "roughness").printed == 10829
+    assert cell_of("6.1", "multiple", hbs, "roughness").printed == 26.24
+    assert cell_of("6.1", "large", ControllerId("MIMO", "LLC", None), "roughness").printed == 275.66
+    assert cell_of("6.2", "large", hbs, "IAE", DIRECT).printed == 53.56
+    assert cell_of("6.2", "small", ControllerId("MIMO", "LLC", None), "ISE", LLC).printed == 1.826
 
 
 def test_miso_columns_of_6_1_repeat_5_4() -> None:
@@ -87,46 +87,48 @@ def test_roughness_in_the_text_of_the_thesis_agrees_with_its_tables() -> None:
     def reduced(a: Cell, b: Cell) -> float:
         return round(100 * (a.printed - b.printed) / a.printed, 2)
 
-    mimo = [one("6.1", "small", ControllerId("MIMO", name, "indirect"), "roughness") for name in ("ANFLeWC", "HBsWC")]
+    mimo = [
+        cell_of("6.1", "small", ControllerId("MIMO", name, "indirect"), "roughness") for name in ("ANFLeWC", "HBsWC")
+    ]
     assert reduced(*mimo) == 11.48
     for name, percent in (("ANFGuMeC", 99.64), ("HBsWC", 99.61)):
-        both = [one("5.4", "small", ControllerId("MISO", name, s), "roughness") for s in ("direct", "indirect")]
+        both = [cell_of("5.4", "small", ControllerId("MISO", name, s), "roughness") for s in ("direct", "indirect")]
         assert reduced(*both) == percent
 
 
 def test_corrections_are_a_cell_of_each_pair_that_contradicts_itself_and_no_other() -> None:
-    found = cells()
-    broken = [pair(b.over_anftsc) for b in inconsistent(found)]
-    corrected = Counter(pair(c) for c in found if c.reason)
+    printed_cells = cells()
+    broken = [pair(b.over_anftsc) for b in inconsistent(printed_cells)]
+    corrected = Counter(pair(c) for c in printed_cells if c.reason)
     assert corrected == Counter(broken)
     assert len(broken) == 25
-    assert all(c.printed == c.corrected for c in found if not c.reason)
+    assert all(c.printed == c.corrected for c in printed_cells if not c.reason)
 
 
 @pytest.mark.parametrize("table", IMPROVEMENTS)
 def test_after_correction_no_pair_contradicts_itself(table: str) -> None:
-    found = cells((table,))
-    assert inconsistent(found, corrected=True) == []
+    printed_cells = cells((table,))
+    assert inconsistent(printed_cells, corrected=True) == []
     slips = {"4.1": 4, "4.2": 4, "5.1": 11, "5.3": 4, "6.2": 2}
-    assert len(inconsistent(found)) == slips[table]
+    assert len(inconsistent(printed_cells)) == slips[table]
 
 
 def test_misprint_of_one_digit_is_found_alone() -> None:
-    found = [c._replace(printed=c.corrected) for c in cells()]
-    assert inconsistent(found) == []
-    for i, cell in enumerate(found):
+    consistent = [c._replace(printed=c.corrected) for c in cells()]
+    assert inconsistent(consistent) == []
+    for i, cell in enumerate(consistent):
         if cell.against == DIRECT and i % 40 < 2:
-            changed = [*found[:i], cell._replace(printed=cell.printed + 1), *found[i + 1 :]]
+            changed = [*consistent[:i], cell._replace(printed=cell.printed + 1), *consistent[i + 1 :]]
             assert [pair(b.over_llc) for b in inconsistent(changed)] == [pair(cell)]
 
 
 def test_rounding_alone_is_no_contradiction() -> None:
     """Improvements of indices that are drawn, rounded to one to three decimals."""
     rng = np.random.default_rng(1)
-    found = cells(("4.1", "5.1"))
-    index = {pair(c): rng.uniform(0.05, 1.1) for c in found}
+    printed_cells = cells(("4.1", "5.1"))
+    index = {pair(c): rng.uniform(0.05, 1.1) for c in printed_cells}
     rows = []
-    for cell in found:
+    for cell in printed_cells:
         direct = index["4.1", cell.scenario, "ANFTSC", cell.quantity]
         decimals = int(rng.integers(1, 4))
         value = 100 * (1 - index[pair(cell)] / (direct if cell.against == DIRECT else 1.0))

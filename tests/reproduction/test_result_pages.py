@@ -78,12 +78,12 @@ def test_delay_limits_are_those_of_the_studies() -> None:
     for row in rows("deployment_margin/margins.csv"):
         if row["beyond"] != "low" and row["high_s"]:
             assert f"{row['margin_s']} [{row['low_s']}, {row['high_s']}]" in page
-    found = {tuple(row[k] for k in ("controller", "scheme", "scenario", "criterion")): row["margin_s"]
+    margins = {tuple(row[k] for k in ("controller", "scheme", "scenario", "criterion")): row["margin_s"]
              for row in rows("delay_margin/margins.csv")}  # fmt: skip
     for name, scheme in (("LLC", ""), ("LLC-tuned", ""), ("ANFFsC", "indirect"), ("HBsWC", "direct")):
         pairs = [
             " / ".join(
-                f"{float(found[name, scheme, scenario, criterion]):.3f}" for criterion in ("not_damped", "unstable")
+                f"{float(margins[name, scheme, scenario, criterion]):.3f}" for criterion in ("not_damped", "unstable")
             )
             for scenario in ("small", "large", "multiple")
         ]
@@ -97,15 +97,15 @@ def numbers(table: str) -> list[dict[str, Any]]:
 
 def test_page_on_the_pacific_dc_intertie_follows_from_its_tables() -> None:
     tables = ("linear", "ringdown", "events", "failures", "tuned")
-    made = pages.page({name: numbers(f"pdci/{name}.csv") for name in tables})
-    linked = re.sub(r"\]\(([a-z]+\.(?:png|csv))\)", r"](images/pdci/\1)", made)
+    built = pages.page({name: numbers(f"pdci/{name}.csv") for name in tables})
+    linked = re.sub(r"\]\(([a-z]+\.(?:png|csv))\)", r"](images/pdci/\1)", built)
     assert (DOCS / "pdci.md").read_text(encoding="utf-8") == linked
 
 
 def change(arm: str, against: str, kinds: str, form: str = "+.0f") -> tuple[str, str, str]:
     """A change of the index in per cent, with its interval."""
-    table = [one for one in rows("deployment/what_holds.csv") if one["devices"] == "SSSC"]
-    row = next(one for one in table if (one["arm"], one["against"], one["kinds"]) == (arm, against, kinds))
+    table = [line for line in rows("deployment/what_holds.csv") if line["devices"] == "SSSC"]
+    row = next(line for line in table if (line["arm"], line["against"], line["kinds"]) == (arm, against, kinds))
     ratio, low, high = (f"{100 * (float(row[name]) - 1):{form}}" for name in ("ratio", "low", "high"))
     return ratio, low, high
 
@@ -113,8 +113,8 @@ def change(arm: str, against: str, kinds: str, form: str = "+.0f") -> tuple[str,
 def reduction(*arms: str) -> str:
     """The range of the reductions of the index over the kinds of cases, `91 to 94 %`."""
     kinds = ("nominal", "drift", "wrong model")
-    found = sorted(-int(change(arm, "no control", kind)[0]) for arm in arms for kind in kinds)
-    return f"{found[0]} to {found[-1]} %"
+    reductions = sorted(-int(change(arm, "no control", kind)[0]) for arm in arms for kind in kinds)
+    return f"{reductions[0]} to {reductions[-1]} %"
 
 
 def limit(study: str, **asked: str) -> list[float]:
@@ -143,14 +143,14 @@ def of_what_holds() -> list[str]:
         re.findall(r"\bseed \d\b", (DOCS / "what_holds.md").read_text(encoding="utf-8").split("decide so")[0])
     )
     ratio, low, high = learning()
-    own, less, more = change("neuro-fuzzy", "neuro-fuzzy, not learning", "drift, wrong model")
+    percent, less, more = change("neuro-fuzzy", "neuro-fuzzy, not learning", "drift, wrong model")
     llc = reduction("LLC")
     return [
         f"In {repeated * plan()['evaluation']['cases']} unseen cases",
         f"`LQG` reduces the ITAE by {reduction('LQG')}, a tuned lead-lag by {reduction('LLC-tuned')}",
         f"the lead-lag of the thesis, by {llc}",
         f"is {ratio.lstrip('+')} % [{low}, {high}] above that of `LQG`",
-        f"is {own.lstrip('-')} % [{less}, {more}] below that",
+        f"is {percent.lstrip('-')} % [{less}, {more}] below that",
     ]
 
 
@@ -209,19 +209,19 @@ def of_the_thesis() -> list[str]:
 
 
 def of_validation() -> list[str]:
-    found = result_figures.rows(DOCS / "validation.csv")
-    assert all(row["passed"] == "pass" for row in found)
+    comparisons = result_figures.rows(DOCS / "validation.csv")
+    assert all(row["passed"] == "pass" for row in comparisons)
     times = sorted(float(row["times ours"]) for row in rows("programs.csv")[1:])
-    return [f"All {len(found)} comparisons", f"take {times[0]:.1f} to {times[-1]:.0f} times as long"]
+    return [f"All {len(comparisons)} comparisons", f"take {times[0]:.1f} to {times[-1]:.0f} times as long"]
 
 
 def of_pdci() -> list[str]:
-    found = pages.values(*(numbers(f"pdci/{name}.csv") for name in ("linear", "events", "failures")))
-    assert found["supervised"] == "wrong sign"
+    pdci = pages.values(*(numbers(f"pdci/{name}.csv") for name in ("linear", "events", "failures")))
+    assert pdci["supervised"] == "wrong sign"
     damping = (
-        f"{found['gain']} MW/mHz over 100 ms of delay raise the damping ratio of north-south B from {found['b_free']}"
+        f"{pdci['gain']} MW/mHz over 100 ms of delay raise the damping ratio of north-south B from {pdci['b_free']}"
     )
-    return [f"{damping} to {found['b_law']}", f"up to {found['limit']} no slow mode loses damping"]
+    return [f"{damping} to {pdci['b_law']}", f"up to {pdci['limit']} no slow mode loses damping"]
 
 
 SAID = (of_what_holds, of_the_score, of_pdci, of_delays, of_supervision, of_the_thesis, of_validation)
@@ -229,7 +229,7 @@ SAID = (of_what_holds, of_the_score, of_pdci, of_delays, of_supervision, of_the_
 GIVEN = (r"up to 400 ms more", r"bursts of 1 s", r"within 1e-5 to 1e-4 1/s")
 
 
-@pytest.mark.parametrize("statements", SAID, ids=lambda one: one.__name__)
+@pytest.mark.parametrize("statements", SAID, ids=lambda statement: statement.__name__)
 def test_statements_of_the_summary_are_those_of_the_tables(statements: Callable[[], list[str]]) -> None:
     page = text("results")
     for statement in statements():
@@ -240,7 +240,7 @@ def test_numbers_of_the_results_summary_are_in_checked_statements() -> None:
     answers = "\n".join(
         re.findall(r"^\| [^|]+\? \| ([^|]+) \|", (DOCS / "results.md").read_text(encoding="utf-8"), re.MULTILINE)
     )
-    for known in [*(re.escape(one) for statements in SAID for one in statements()), *GIVEN]:
+    for known in [*(re.escape(statement) for statements in SAID for statement in statements()), *GIVEN]:
         answers = re.sub(known, "", answers)
     assert not re.findall(r".{0,30}\d.{0,30}", answers)
 
@@ -273,10 +273,10 @@ def test_findings_of_readme_are_those_of_the_tables() -> None:
 def test_reference_results_are_those_of_runs(row: dict[str, str]) -> None:
     sets = [f"system={row['system']}", f"scenario={row['scenario']}"]
     sets += ["controllers=[]"] if row["controller"] == "none" else [f"link.up.0.delay={row['delay_s']}"]
-    found = summarise(loop.run(load_case(None, sets))).indices or {}
+    indices = summarise(loop.run(load_case(None, sets))).indices or {}
     for name in ("ITAE", "IAE", "ITSE", "ISE"):
         if row[name]:
-            assert found[name] == pytest.approx(float(row[name]), rel=1e-3), name
+            assert indices[name] == pytest.approx(float(row[name]), rel=1e-3), name
 
 
 def test_figures_are_drawn_from_the_tables(tmp_path: Path) -> None:

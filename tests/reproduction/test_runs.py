@@ -23,28 +23,28 @@ Made = dict[ComparedRun, dict[str, float] | None]
 def test_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tmp_path: Path) -> None:
     asked = [LLC, ControllerId("MISO", "HBsWC", "direct"), ControllerId("MIMO", "ANFTSC", "indirect")]
     rows = carry_out(nominal("two_area", asked, duration=4), "some", tmp_path, 1)
-    found = figures(rows, asked)
+    by_run = figures(rows, asked)
     plan = sweep.plan("comparison", ["duration=4"], ["kind=LLC,HBsWC*"])
     compared = [row.cells for row in sweep.rows(sweep.run(plan, tmp_path / "compare", 1, None, Progress("compare")))]
     for scenario in SCENARIOS["two_area"].values():
         for who in asked[:2]:
             place = (scenario, who.controller, who.scheme)
             (row,) = [r for r in compared if (r["scenario"], r["controller"], r["scheme"]) == place]
-            ours = found[ComparedRun("two_area", scenario, who)]
+            ours = by_run[ComparedRun("two_area", scenario, who)]
             assert ours == {name: row[name] for name in (*THESIS_INDICES, "roughness")}
         both = ["controllers.0.name=ANFTSC", f"scenario={scenario}", "link=ideal", "duration=4"]
-        told = summarise(loop.run(load_case("two_area_centralised", both)))
-        expected = {**(told.indices or {}), "roughness": told.roughness}
-        assert found[ComparedRun("two_area", scenario, asked[2])] == expected
+        summary = summarise(loop.run(load_case("two_area_centralised", both)))
+        expected = {**(summary.indices or {}), "roughness": summary.roughness}
+        assert by_run[ComparedRun("two_area", scenario, asked[2])] == expected
 
 
 def test_baselines_are_beside_every_table() -> None:
-    for table, one in TABLES.items():
-        found = whos(cells([table]), one.system)
-        assert found[: len(BASELINES)] == list(BASELINES)
-        assert {cell.who for cell in cells([table])} <= set(found)
-        assert len(found) == len(set(found))
-        assert (ControllerId("MIMO", "LQG", None) in found) == (table in ("6.1", "6.2"))
+    for table, table_of_thesis in TABLES.items():
+        beside = whos(cells([table]), table_of_thesis.system)
+        assert beside[: len(BASELINES)] == list(BASELINES)
+        assert {cell.who for cell in cells([table])} <= set(beside)
+        assert len(beside) == len(set(beside))
+        assert (ControllerId("MIMO", "LQG", None) in beside) == (table in ("6.1", "6.2"))
 
 
 @pytest.mark.parametrize("system", SCENARIOS)
@@ -83,32 +83,34 @@ def test_variants_of_explanations_can_be_run_and_differ_from_the_tables(variant:
 def test_set_up_of_the_tables_agrees_with_itself() -> None:
     system, tables = "smib", cells(("4.1",))
     asked = [who for who in whos(tables, system) if who == LLC or who.scheme]
-    made: Made = {
+    figures_made: Made = {
         ComparedRun(system, scenario, who): dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE", "roughness"), 1.0 + i * 7 % 12)
         for scenario in SCENARIOS[system].values()
         for i, who in enumerate(asked)
     }
-    (told,) = explanations.told("x", tables, made, made)
-    assert told.rho_own == pytest.approx(1.0)
-    assert told.unstable == 0
-    lost: Made = {run: None if run.who.controller == "HBsWC" else one for run, one in made.items()}
-    (told,) = explanations.told("x", tables, lost, made)
-    assert told.unstable == len(SCENARIOS[system])
-    assert told.rho_own is not None
-    assert told.rho_own < 1.0
+    (row,) = explanations.told("x", tables, figures_made, figures_made)
+    assert row.rho_own == pytest.approx(1.0)
+    assert row.unstable == 0
+    lost: Made = {
+        run: None if run.who.controller == "HBsWC" else figures_of_run for run, figures_of_run in figures_made.items()
+    }
+    (row,) = explanations.told("x", tables, lost, figures_made)
+    assert row.unstable == len(SCENARIOS[system])
+    assert row.rho_own is not None
+    assert row.rho_own < 1.0
 
 
 def test_way_to_the_bound() -> None:
     place = ("smib", "light")
-    made: Made = {
+    figures_made: Made = {
         ComparedRun(*place, who): {"ITAE": value} for who, value in zip(BASELINES, (9.0, 5.0, 2.0, 1.0), strict=True)
     }
-    made[ComparedRun(*place, ControllerId("MISO", "HBsWC", "direct"))] = None
-    assert [reached(made, ComparedRun(*place, who), "ITAE") for who in BASELINES] == [-100.0, 0.0, 75.0, 100.0]
-    assert reached(made, ComparedRun(*place, ControllerId("MISO", "HBsWC", "direct")), "ITAE") is None
+    figures_made[ComparedRun(*place, ControllerId("MISO", "HBsWC", "direct"))] = None
+    assert [reached(figures_made, ComparedRun(*place, who), "ITAE") for who in BASELINES] == [-100.0, 0.0, 75.0, 100.0]
+    assert reached(figures_made, ComparedRun(*place, ControllerId("MISO", "HBsWC", "direct")), "ITAE") is None
 
 
-@pytest.mark.parametrize("who", [one for found in FOUND.values() for one in found], ids=name)
+@pytest.mark.parametrize("who", [who for group in FOUND.values() for who in group], ids=name)
 def test_controller_found_by_the_search_is_a_shipped_run(who: ControllerId) -> None:
     case = load_case(who.controller, ["duration=1"])
     assert json.loads(json.dumps(changes(who)["devices"])) == case.run.devices

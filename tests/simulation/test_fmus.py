@@ -30,7 +30,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
     return {version: build(folder, ROOT / "examples", version) for version in (2, 3)}
 
 
-def own(fmu: Any, **fields: Any) -> str:
+def with_fmu(fmu: Any, **fields: Any) -> str:
     return "controllers=" + json.dumps([{"name": "mine", "fmu": fmu, "parameters": {"gain": 12}, **fields}])
 
 
@@ -40,10 +40,10 @@ def test_its_setpoints_are_those_of_the_shipped_lead_lag_bit_for_bit(
 ) -> None:
     sets = [f"link={link}", "duration=5"]
     shipped = loop.run(load_case("two_area_large", [*sets, "controllers.0.parameters.gain=12"]))
-    given = loop.run(load_case("two_area_large", [*sets, own(str(fmus[version]))]))
-    assert given.issued.tobytes() == shipped.issued.tobytes()
-    assert len(given.issued) > 100
-    assert given.controller_names == ["controller_0_mine"]
+    with_fmu_run = loop.run(load_case("two_area_large", [*sets, with_fmu(str(fmus[version]))]))
+    assert with_fmu_run.issued.tobytes() == shipped.issued.tobytes()
+    assert len(with_fmu_run.issued) > 100
+    assert with_fmu_run.controller_names == ["controller_0_mine"]
 
 
 def test_several_side_by_side_are_apart(fmus: dict[int, Path]) -> None:
@@ -62,10 +62,10 @@ def test_other_names_are_mapped(tmp_path: Path) -> None:
     fmu = build(tmp_path, ROOT / "examples", 2, "u1", "y1")
     sets = ["duration=1"]
     mapped = {"file": str(fmu), "inputs": {"speed": "u1"}, "outputs": {"sssc": "y1"}}
-    given = loop.run(load_case("two_area_large", [*sets, own(mapped)]))
+    with_fmu_run = loop.run(load_case("two_area_large", [*sets, with_fmu(mapped)]))
     shipped = loop.run(load_case("two_area_large", [*sets, "controllers.0.parameters.gain=12"]))
-    assert given.issued.tobytes() == shipped.issued.tobytes()
-    assert given.configuration["controllers"][0]["fmu"] == mapped
+    assert with_fmu_run.issued.tobytes() == shipped.issued.tobytes()
+    assert with_fmu_run.configuration["controllers"][0]["fmu"] == mapped
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_other_names_are_mapped(tmp_path: Path) -> None:
 def test_fields_that_do_not_fit_an_fmu_are_refused_in_one_line(
     fmus: dict[int, Path], fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    refused(["devices=[sssc, statcom]", own(str(fmus[2]), **fields)], said, capsys)
+    refused(["devices=[sssc, statcom]", with_fmu(str(fmus[2]), **fields)], said, capsys)
 
 
 def refused(sets: list[str], said: str, capsys: pytest.CaptureFixture[str], status: int = 2) -> None:
@@ -88,13 +88,13 @@ def refused(sets: list[str], said: str, capsys: pytest.CaptureFixture[str], stat
 
 
 def test_files_that_are_no_fmus_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    refused([own("nowhere.fmu")], "controllers.0.fmu: nowhere.fmu: no such file; allowed: an FMU", capsys)
+    refused([with_fmu("nowhere.fmu")], "controllers.0.fmu: nowhere.fmu: no such file; allowed: an FMU", capsys)
     path = tmp_path / "bad.fmu"
     path.write_bytes(b"PK no archive")
-    refused([own(str(path))], "cannot be read: File is not a zip file; allowed: an FMU of FMI 2 or 3", capsys)
+    refused([with_fmu(str(path))], "cannot be read: File is not a zip file; allowed: an FMU of FMI 2 or 3", capsys)
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", "<fmiModelDescription")
-    refused([own(str(path))], f"controllers.0.fmu: {path}: cannot be read: ", capsys)
+    refused([with_fmu(str(path))], f"controllers.0.fmu: {path}: cannot be read: ", capsys)
 
 
 @pytest.mark.parametrize(
@@ -125,11 +125,11 @@ def test_fmu_that_cannot_run_here_is_one_line(
             if name == "modelDescription.xml":
                 content = re.sub(old.encode(), new.encode(), content, flags=re.DOTALL)
             archive.writestr(name.replace("binaries/", renamed), content)
-    refused([own(str(path))], said, capsys)
+    refused([with_fmu(str(path))], said, capsys)
 
 
 def test_step_that_fails_ends_the_run_by_name(fmus: dict[int, Path], capsys: pytest.CaptureFixture[str]) -> None:
-    sets = ["system.signals.speed.weights={G1: 1.0e9}", own(str(fmus[2]))]
+    sets = ["system.signals.speed.weights={G1: 1.0e9}", with_fmu(str(fmus[2]))]
     refused(sets, "controllers.0.fmu: RuntimeError: fmi2DoStep failed with status", capsys, status=1)
 
 
@@ -150,11 +150,11 @@ def test_without_fmpy_it_is_said_how_it_is_installed(
     fmus: dict[int, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "fmpy", None)
-    refused([own(str(fmus[2]))], "FMPy is not installed; allowed: pip install -e '.[fmi]'", capsys)
+    refused([with_fmu(str(fmus[2]))], "FMPy is not installed; allowed: pip install -e '.[fmi]'", capsys)
 
 
 def test_recording_names_it_and_is_not_believed(fmus: dict[int, Path]) -> None:
-    record = loop.run(load_case("two_area_large", ["duration=0.2", own(str(fmus[2]))]))
+    record = loop.run(load_case("two_area_large", ["duration=0.2", with_fmu(str(fmus[2]))]))
     with pytest.raises(InputError, match=r"controllers\.0\.fmu: .* given by the recording; allowed: --policy"):
         case_of(record, "a recording", None, [])
     assert case_of(record, "a recording", None, [], policy=True).controllers[0].fmu == str(fmus[2])

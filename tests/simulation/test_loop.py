@@ -32,11 +32,11 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
     case = load_case(None, ["scenario=large", "link.up.0.delay=0.0312", "duration=3"])
     whole = loop.run(case)
     parts = loop.build_loop(case)
-    kept, rate = parts.signals, case.run.frame_rate
+    signals, rate = parts.signals, case.run.frame_rate
     for k in range(case.ticks):
         start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
-        reported = kept.frames[k], kept.measured_ns[k], kept.status[k]
-        measure_with_pmus(parts.measured, k, *reported, kept.machines[k], kept.devices[k])
+        reported = signals.frames[k], signals.measured_ns[k], signals.status[k]
+        measure_with_pmus(parts.measured, k, *reported, signals.machines[k], signals.devices[k])
         delivered = uplink(parts.links, 0, k, start, end, *reported)
         issued = act(
             parts.control.bank,
@@ -51,9 +51,9 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
         arrived = downlink(parts.links, 0, k, end, parts.control.issued, issued)
         applied = merge(parts.applied, 0, parts.links.down.out[0], arrived)
         advance_with_pmus(parts.measured, k, parts.applied, applied)
-    assert kept.frames.tobytes() == whole.frames.tobytes()
-    assert kept.machines.tobytes() == whole.machines.tobytes()
-    assert kept.devices.tobytes() == whole.devices.tobytes()
+    assert signals.frames.tobytes() == whole.frames.tobytes()
+    assert signals.machines.tobytes() == whole.machines.tobytes()
+    assert signals.devices.tobytes() == whole.devices.tobytes()
 
 
 @settings(deadline=None, max_examples=15)
@@ -137,24 +137,24 @@ def test_delays_are_exact_on_every_link(delays: tuple[int, ...], rate: int) -> N
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
 def test_links_of_the_same_delays_are_as_good_as_one(scheme: str) -> None:
     """Whose link it is changes no bit; what it delivers is there once for each link."""
-    own = two("link=delay_100ms", "controllers.0.name=HBsWC", f"controllers.0.scheme={scheme}")
-    one = loop.run(load_case(None, own))
+    sets_of_both = two("link=delay_100ms", "controllers.0.name=HBsWC", f"controllers.0.scheme={scheme}")
+    single = loop.run(load_case(None, sets_of_both))
     for c in ([0], [1], [0, 1]):
         sets = [f"controllers.{i}.link=delay_100ms" for i in c]
-        several = loop.run(load_case(None, [*own, *sets, "controllers.1.namespace=elsewhere"]))
+        several = loop.run(load_case(None, [*sets_of_both, *sets, "controllers.1.namespace=elsewhere"]))
         for name in {*ARRAYS, "estimates"} - {"delivered", "applied"}:
-            assert getattr(several, name).tobytes() == getattr(one, name).tobytes(), name
+            assert getattr(several, name).tobytes() == getattr(single, name).tobytes(), name
         by_device = np.lexsort((several.applied["controller"], several.applied["tick"]))
-        assert several.applied[by_device].tobytes() == one.applied.tobytes()  # at one time, link by link
+        assert several.applied[by_device].tobytes() == single.applied.tobytes()  # at one time, link by link
         for link in range(2):
             of_link = several.delivered[several.delivered["link"] == link]
             of_link["link"] = 0
-            assert of_link.tobytes() == one.delivered.tobytes()
+            assert of_link.tobytes() == single.delivered.tobytes()
 
 
 def test_identifier_learns_from_what_its_controllers_own_link_delivers() -> None:
-    own = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "controllers.0.link=delay_100ms"]
-    record = loop.run(load_case(None, two(*own)))
+    run_sets = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "controllers.0.link=delay_100ms"]
+    record = loop.run(load_case(None, two(*run_sets)))
     assert set(record.delivered["link"]) == {0, 1}
     late = record.delivered[record.delivered["link"] == 1]
     newest = [late["measured_ns"][late["tick"] <= tick].max(initial=-1) for tick in record.estimates["tick"]]
@@ -169,8 +169,8 @@ PAIRS = [f"{a}+{c}" for a, c in zip(itertools.cycle(ANTECEDENTS), CONSEQUENTS, s
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
 @pytest.mark.parametrize("name", PAIRS)
 def test_neuro_fuzzy_pair_issues_setpoints_within_its_limits(name: str, scheme: str, profile: str) -> None:
-    own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"controllers.0.profile={profile}"]
-    record = loop.run(load_case(None, ["scenario=large", "duration=5", *own]))
+    run_sets = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"controllers.0.profile={profile}"]
+    record = loop.run(load_case(None, ["scenario=large", "duration=5", *run_sets]))
     assert np.isfinite(record.issued["value"]).all()
     assert np.abs(record.issued["value"]).max() <= 0.1
     assert np.abs(record.issued["value"]).max() > 1e-3
@@ -179,8 +179,8 @@ def test_neuro_fuzzy_pair_issues_setpoints_within_its_limits(name: str, scheme: 
 
 def test_direct_adaptation_with_the_wrong_sign_loses_synchronism() -> None:
     """`small` stays in synchronism even without control."""
-    own = ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "scenario=small"]
-    case = load_case(None, own)
+    run_sets = ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "scenario=small"]
+    case = load_case(None, run_sets)
     right, wrong = loop.build_loop(case), loop.build_loop(case)
     wrong.control.bank.sensitivity[:] *= -1.0
     for theta in (wrong.control.bank_state.learner.theta, wrong.control.bank_state.learner.start):
@@ -192,12 +192,12 @@ def test_direct_adaptation_with_the_wrong_sign_loses_synchronism() -> None:
 def test_without_the_delay_an_identifiers_sign_turns_near_half_a_period() -> None:
     """The interarea mode's period is 1.6 s; with the delay known y(k) is paired with the setpoint that moved it."""
     delay = 0.75
-    own = ["controllers.0.name=gaussian+singleton", "controllers.0.scheme=indirect", f"link.down.0.delay={delay}"]
-    own.append("controllers.0.parameters.identifier_leakage=0.01")
-    assert load_case(None, own).controllers[0].parameters["loop_delay"] == delay
+    run_sets = ["controllers.0.name=gaussian+singleton", "controllers.0.scheme=indirect", f"link.down.0.delay={delay}"]
+    run_sets.append("controllers.0.parameters.identifier_leakage=0.01")
+    assert load_case(None, run_sets).controllers[0].parameters["loop_delay"] == delay
     wrong = {}
     for lag in (delay, 0.0):
-        found = loop.run(load_case(None, [*own, f"controllers.0.parameters.loop_delay={lag}"])).estimates
-        wrong[lag] = float(np.mean(found["jacobian"][found["measured_ns"] > NANOSECONDS] > 0.0))
+        estimates = loop.run(load_case(None, [*run_sets, f"controllers.0.parameters.loop_delay={lag}"])).estimates
+        wrong[lag] = float(np.mean(estimates["jacobian"][estimates["measured_ns"] > NANOSECONDS] > 0.0))
     assert wrong[delay] == 0.0
     assert wrong[0.0] > 0.5

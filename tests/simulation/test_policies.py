@@ -27,13 +27,13 @@ ROOT = Path(__file__).parents[2]
 LEAD_LAG = f"{ROOT / 'examples' / 'lead_lag.py'}:LeadLag"
 
 
-def own(policy: str, *sets: str, **fields: Any) -> list[str]:
+def with_policy(policy: str, *sets: str, **fields: Any) -> list[str]:
     """`--set` of a run with a class of its own, on two_area_large."""
     return [*sets, "controllers=" + json.dumps([{"name": "mine", "policy": policy, **fields}])]
 
 
 def run(policy: str, *sets: str, **fields: Any) -> Record:
-    return loop.run(load_case("two_area_large", own(policy, "duration=5", *sets, **fields)))
+    return loop.run(load_case("two_area_large", with_policy(policy, "duration=5", *sets, **fields)))
 
 
 def written(folder: Path, text: str, name: str = "mine.py") -> str:
@@ -46,11 +46,11 @@ def written(folder: Path, text: str, name: str = "mine.py") -> str:
 def test_lead_lag_as_a_class_is_the_shipped_one_bit_for_bit(link: str, frame_rate: int) -> None:
     sets = [f"link={link}" if link != "lossy_bursts" else LOSSY, f"frame_rate={frame_rate}"]
     shipped = loop.run(load_case("two_area_large", ["duration=5", *sets]))
-    given = run(LEAD_LAG, *sets)
+    by_policy = run(LEAD_LAG, *sets)
     assert len(shipped.issued) > 0
-    assert given.issued.tobytes() == shipped.issued.tobytes()
-    assert given.machines.tobytes() == shipped.machines.tobytes()
-    assert given.controller_names == ["controller_0_mine"]
+    assert by_policy.issued.tobytes() == shipped.issued.tobytes()
+    assert by_policy.machines.tobytes() == shipped.machines.tobytes()
+    assert by_policy.controller_names == ["controller_0_mine"]
 
 
 LOSSY = "link={up: [{model: bernoulli, loss: 0.3}, {model: uniform, low: 0.0, high: 0.15}]}"
@@ -76,9 +76,9 @@ def test_policy_is_given_the_delivered_signals_when_they_arrive(tmp_path: Path) 
     record = run(policy, LOSSY, "seed=4", signals=["speed", "power"])
     steps = find(policy, "policy").heard
     assert len(steps) == len(record.issued) > 100
-    own = load_case("two_area_large", []).system.signals
-    places = [[record.pmus.index(name) for name in own[signal].weights] for signal in ("speed", "power")]
-    rows, taken = record.delivered, np.full((2, len(record.pmus)), -1)
+    signals = load_case("two_area_large", []).system.signals
+    places = [[record.pmus.index(name) for name in signals[signal].weights] for signal in ("speed", "power")]
+    rows, taken_ns = record.delivered, np.full((2, len(record.pmus)), -1)
     newest = np.full(len(record.pmus), -1)
     at = 0
     for (t_s, y, age_s, fresh), issued in zip(steps, record.issued, strict=True):
@@ -88,8 +88,8 @@ def test_policy_is_given_the_delivered_signals_when_they_arrive(tmp_path: Path) 
             at += 1
         for i, mine in enumerate(places):
             assert age_s[i] == pytest.approx((issued["issued_ns"] - newest[mine].max()) * 1e-9, abs=1e-15)
-            assert fresh[i] == bool((newest[mine] != taken[i, mine]).any())
-            taken[i, mine] = newest[mine]
+            assert fresh[i] == bool((newest[mine] != taken_ns[i, mine]).any())
+            taken_ns[i, mine] = newest[mine]
         assert np.isnan(y).all()  # as it has written itself
     assert {tuple(fresh) for _, _, _, fresh in steps} > {(True, True)}
 
@@ -126,7 +126,7 @@ def test_its_seed_is_of_the_run_and_its_place(tmp_path: Path) -> None:
         rows = [{"name": n, "policy": policy, "devices": [n]} for n in ("sssc", "statcom")]
         sets = ["devices=[sssc, statcom]", f"seed={seed}", "duration=0.1", "controllers=" + json.dumps(rows)]
         built = loop.build_loop(load_case("two_area_large", sets))
-        seeds.append([one._step.__self__.spec.seed for one in built.programs])
+        seeds.append([program._step.__self__.spec.seed for program in built.programs])
     assert seeds[0] == seeds[1]
     assert len({*seeds[0], *seeds[2]}) == 4
 
@@ -169,7 +169,7 @@ MINE = "class Mine:\n    def __init__(self, spec): {}\n    def step(self, t_s, y
     ],
 )
 def test_classes_that_are_not_there_are_one_line(policy: Any, said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    refused(2, own(policy), said, capsys)
+    refused(2, with_policy(policy), said, capsys)
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,7 @@ def test_classes_that_are_not_there_are_one_line(policy: Any, said: str, capsys:
 def test_classes_that_do_not_fit_are_one_line(
     tmp_path: Path, text: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    refused(2, own(written(tmp_path, text)), said, capsys)
+    refused(2, with_policy(written(tmp_path, text)), said, capsys)
 
 
 @pytest.mark.parametrize(
@@ -209,7 +209,7 @@ def test_classes_that_do_not_fit_are_one_line(
 def test_steps_that_fail_end_the_run_by_name(
     tmp_path: Path, step: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    refused(1, own(written(tmp_path, MINE.format("pass", step))), said, capsys)
+    refused(1, with_policy(written(tmp_path, MINE.format("pass", step))), said, capsys)
 
 
 def refused(status: int, sets: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -242,7 +242,7 @@ def test_interruption_in_a_step_interrupts_the_run(tmp_path: Path) -> None:
 
 def test_policy_failure_is_raised_at_once_in_a_loop_stepped_by_hand(tmp_path: Path) -> None:
     policy = written(tmp_path, MINE.format("pass", "return 0 if t_s < 0.5 else 1 / 0"))
-    built = loop.build_loop(load_case("two_area_large", own(policy, "duration=2")))
+    built = loop.build_loop(load_case("two_area_large", with_policy(policy, "duration=2")))
     for tick in range(30):
         assert loop.step(built, tick)
     with pytest.raises(RunError, match="ZeroDivisionError") as failure:
@@ -253,11 +253,11 @@ def test_policy_failure_is_raised_at_once_in_a_loop_stepped_by_hand(tmp_path: Pa
 def test_step_times_of_a_policy_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = "import time\n" + MINE.format("pass", "time.sleep(0.002 if t_s < 1.5 else 0.0); return 0")
     policy, target = written(tmp_path, text), tmp_path / "told.json"
-    asked = changes(own(policy, "duration=2"))
+    asked = changes(with_policy(policy, "duration=2"))
     assert main(["simulate", *asked, "--json", str(target)]) == 0
-    told = json.loads(target.read_text())["step_times"]["controller_0_mine"]
-    assert told["steps"] == 120
-    assert 0.0015 < told["mean_s"] < told["p99_s"] <= told["max_s"]
+    times = json.loads(target.read_text())["step_times"]["controller_0_mine"]
+    assert times["steps"] == 120
+    assert 0.0015 < times["mean_s"] < times["p99_s"] <= times["max_s"]
     assert "controller_0_mine: 120 steps of " in capsys.readouterr().out
     assert step_times([]) == {}
 
@@ -306,7 +306,7 @@ def test_study_of_a_class_that_is_not_there_is_one_line(tmp_path: Path, capsys: 
 
 
 def test_linear_margins_refuse_it(capsys: pytest.CaptureFixture[str]) -> None:
-    asked = changes(own(LEAD_LAG))
+    asked = changes(with_policy(LEAD_LAG))
     assert_one_line(
         2, ["margin", "two_area_small", *asked], "'mine' given, which is not linear and has no linear margin", capsys
     )
@@ -347,7 +347,7 @@ def test_class_that_closes_the_streams_ends_a_command_in_a_line(
     out, errors = StringIO(), StringIO()
     monkeypatch.setattr("sys.stdout", out)
     monkeypatch.setattr("sys.stderr", errors)
-    asked = changes(own(written(tmp_path, CLOSES.format(act=act)), "duration=0.1"))
+    asked = changes(with_policy(written(tmp_path, CLOSES.format(act=act)), "duration=0.1"))
     assert main(["simulate", "two_area_small", *asked]) == status
     assert (sys.stdout, sys.stderr) == (out, errors)  # as before
     if not errors.closed:

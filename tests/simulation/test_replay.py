@@ -43,8 +43,8 @@ def recorded(run: str | None, sets: list[str]) -> Record:
     common = (
         [] if run else [f"{key}={value}" for key, value in (("scenario", "large"), ("link", "plc"), ("duration", 4))]
     )
-    given = {text.split("=")[0] for text in sets}
-    return loop.run(load_case(run, [*(text for text in common if text.split("=")[0] not in given), *sets]))
+    fields = {text.split("=")[0] for text in sets}
+    return loop.run(load_case(run, [*(text for text in common if text.split("=")[0] not in fields), *sets]))
 
 
 def played(record: Record, *sets: str) -> tuple[Record, Any, Any, Played]:
@@ -266,8 +266,8 @@ def test_another_watchdog_is_judged_on_what_was_applied() -> None:
 def test_changes_that_nobody_can_have_made_are_passed_over(odd: dict[str, Any]) -> None:
     """Anybody may speak on a topic that a bag holds."""
     record = recorded(None, ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "duration=3"])
-    made: dict[str, Any] = {"tick": 60, "node": "/n", "role": "controller", "index": 0, "kind": "parameter"} | odd
-    change = RunChange(**made)
+    fields: dict[str, Any] = {"tick": 60, "node": "/n", "role": "controller", "index": 0, "kind": "parameter"} | odd
+    change = RunChange(**fields)
     case = replay.case_of(record, "it", None, [])
     part = replay.fitted(dataclasses.replace(record, changes=[change]), case)
     assert replay.first_difference(part, replay.play(case, part)[0]) is None

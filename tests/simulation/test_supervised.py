@@ -48,16 +48,16 @@ RUNS = {
 }
 
 
-def assert_same(one: Record, other: Record) -> None:
+def assert_same(first: Record, other: Record) -> None:
     for name in TABLES:
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+        assert getattr(first, name).tobytes() == getattr(other, name).tobytes(), name
 
 
-def states(found: Record, controller: int = 0) -> list[tuple[str, str]]:
+def states(run_record: Record, controller: int = 0) -> list[tuple[str, str]]:
     """States one after the other, and why."""
-    own = found.supervision[found.supervision["controller"] == controller]
-    told = [(STATES[row["state"]], cause_name(int(row["cause"]))) for row in own]
-    return [one for k, one in enumerate(told) if k == 0 or one != told[k - 1]]
+    rows_of_controller = run_record.supervision[run_record.supervision["controller"] == controller]
+    states_told = [(STATES[row["state"]], cause_name(int(row["cause"]))) for row in rows_of_controller]
+    return [state for k, state in enumerate(states_told) if k == 0 or state != states_told[k - 1]]
 
 
 @cache
@@ -84,12 +84,12 @@ def test_same_bits_tick_by_tick_and_in_a_replay(name: str) -> None:
 
 
 def test_supervised_runs_go_through_the_expected_states() -> None:
-    found = {name: states(run(*ON, *RUNS[name])) for name in RUNS}
+    by_name = {name: states(run(*ON, *RUNS[name])) for name in RUNS}
     armed = ("armed", "schedule")
-    assert found["fallback by its own link"][1:] == [armed, ("fallback", "missing"), ("armed", "missing")]
-    assert found["probe"] == [("shadow", ""), armed]
-    assert found["supervisor that dies"] == [("shadow", ""), armed, ("shadow", "")]
-    assert found["supervisor that hangs"][:2] == [("shadow", ""), armed]
+    assert by_name["fallback by its own link"][1:] == [armed, ("fallback", "missing"), ("armed", "missing")]
+    assert by_name["probe"] == [("shadow", ""), armed]
+    assert by_name["supervisor that dies"] == [("shadow", ""), armed, ("shadow", "")]
+    assert by_name["supervisor that hangs"][:2] == [("shadow", ""), armed]
 
 
 @pytest.mark.parametrize(
@@ -115,21 +115,21 @@ def test_run_that_is_armed_from_the_start_is_the_one_without_supervisors(sets: l
 
 
 def test_setpoints_are_the_controller_s_once_the_ramp_is_over() -> None:
-    found = loop.run(load_case(None, [*ON, "link=pdci", "supervision.monitors.reversals=off"]))
-    said, own = (table[table["tick"] > 0.5 * 60 + 60] for table in (found.supervised, found.issued))
+    run_record = loop.run(load_case(None, [*ON, "link=pdci", "supervision.monitors.reversals=off"]))
+    said, issued = (table[table["tick"] > 0.5 * 60 + 60] for table in (run_record.supervised, run_record.issued))
     assert len(said) > 200
-    assert said.tobytes() == own.tobytes()
+    assert said.tobytes() == issued.tobytes()
 
 
 def test_in_shadow_the_controller_works_and_nothing_acts() -> None:
-    found = loop.run(load_case(None, ["supervision=standard", "scenario=large", "duration=4"]))
+    run_record = loop.run(load_case(None, ["supervision=standard", "scenario=large", "duration=4"]))
     none = loop.run(load_case(None, ["scenario=large", "duration=4", "controllers=[]"]))
-    assert np.abs(found.issued["value"]).max() > 0.05
-    assert np.all(found.supervised["value"] == 0.0)
+    assert np.abs(run_record.issued["value"]).max() > 0.05
+    assert np.all(run_record.supervised["value"] == 0.0)
     assert np.allclose(
-        found.frames, none.frames, rtol=0.0, atol=1e-7, equal_nan=True
+        run_record.frames, none.frames, rtol=0.0, atol=1e-7, equal_nan=True
     )  # but for steps that end with a setpoint
-    assert {tuple(one) for one in found.supervision[["state", "cause"]].tolist()} == {(1, -1)}
+    assert {tuple(row) for row in run_record.supervision[["state", "cause"]].tolist()} == {(1, -1)}
 
 
 def ask(tick: int, what: str, index: int = 0) -> RunChange:
@@ -139,8 +139,8 @@ def ask(tick: int, what: str, index: int = 0) -> RunChange:
 def test_operator_requests_under_way_are_replayed() -> None:
     case = load_case(None, ["supervision=standard", "scenario=large", "duration=5", "link=csg"])
     asked = [ask(30, "arm"), ask(120, "disarm"), ask(180, "arm"), ask(181, "reset"), ask(200, "arm")]
-    found = rerun(case, asked)
-    assert states(found) == [
+    run_record = rerun(case, asked)
+    assert states(run_record) == [
         ("shadow", ""),
         ("armed", "operator"),
         ("disarmed", "operator"),
@@ -149,11 +149,11 @@ def test_operator_requests_under_way_are_replayed() -> None:
     ]
     ticks = [
         int(row["tick"])
-        for before, row in zip(found.supervision, found.supervision[1:], strict=False)
+        for before, row in zip(run_record.supervision, run_record.supervision[1:], strict=False)
         if row["state"] != before["state"]
     ]
     assert ticks == [30, 120, 181, 200]
-    part = replay.fitted(found, case)
+    part = replay.fitted(run_record, case)
     assert replay.first_supervised(part, replay.play(case, part)) is None
     forgotten = replay.fitted(rerun(case, []), case)
     assert replay.first_supervised(part, replay.play(case, forgotten)) == 30
@@ -168,8 +168,8 @@ def faulty(kind: str, **more: Any) -> tuple[Record, Record]:
     return loop.run(load_case(None, [*FREE, f"controllers.0.faults=[{json.dumps(fault)}]"])), run(*FREE)
 
 
-def between(found: Record, first: int = 120, end: int = 150) -> Any:
-    rows = found.issued
+def between(run_record: Record, first: int = 120, end: int = 150) -> Any:
+    rows = run_record.issued
     return rows["value"][(rows["tick"] >= first) & (rows["tick"] < end)]
 
 
@@ -178,13 +178,13 @@ KINDS = ControllerFault.model_json_schema()["properties"]["kind"]["enum"]
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_fault_does_what_it_is_said_to_do_while_it_lasts(kind: str) -> None:
-    found, sound = faulty(kind)
+    run_record, sound = faulty(kind)
     limit = load_case(None, FREE).system.device("sssc").setpoint_max
-    assert between(found, 0, 120).tobytes() == between(sound, 0, 120).tobytes()
-    wrong, right = between(found), between(sound)
+    assert between(run_record, 0, 120).tobytes() == between(sound, 0, 120).tobytes()
+    wrong, right = between(run_record), between(sound)
     if kind in ("hung", "dead"):
         assert len(wrong) == 0
-        assert len(between(found, 150, 240)) == 90
+        assert len(between(run_record, 150, 240)) == 90
         return
     assert len(wrong) == len(right) == 30
     assert np.all(np.isnan(wrong)) if kind == "nan" else np.all(np.abs(wrong) <= limit)
@@ -202,16 +202,16 @@ def test_fault_does_what_it_is_said_to_do_while_it_lasts(kind: str) -> None:
         assert np.all(np.diff(wrong) == np.where(np.arange(29) % 2, -2.0, 2.0) * limit)
     elif kind == "weights":
         assert not np.array_equal(wrong, right)
-        norms = found.learning["lyapunov"]
+        norms = run_record.learning["lyapunov"]
         assert np.isfinite(norms).all()
 
 
 def test_sizes_are_those_given() -> None:
-    found, sound = faulty("gain", size=-0.5)
-    assert between(found)[0] == -0.5 * between(sound)[0]
+    run_record, sound = faulty("gain", size=-0.5)
+    assert between(run_record)[0] == -0.5 * between(sound)[0]
     small, _ = faulty("weights", size=1e-6)
     large, _ = faulty("weights", size=1.0)
-    apart = [np.abs(between(one)[0] - between(sound)[0]) for one in (small, large)]
+    apart = [np.abs(between(record_of_size)[0] - between(sound)[0]) for record_of_size in (small, large)]
     assert 0.0 < apart[0] < 1e-4 < apart[1]
 
 

@@ -34,8 +34,8 @@ def test_before_the_event_run_and_mirror_cancel_to_second_order(sets: list[str],
     other = twin(case, record, kind=MIRROR)
     assert other is not None
     before = record.time_s < 2.0
-    own, mirror = speeds(record)[before], speeds(other.record)[before]
-    assert np.abs(own + mirror).max() < part * np.abs(own).max()
+    deviations, mirror = speeds(record)[before], speeds(other.record)[before]
+    assert np.abs(deviations + mirror).max() < part * np.abs(deviations).max()
 
 
 def test_twin_of_a_run_with_a_line_outage_begins_without_the_line() -> None:
@@ -45,11 +45,11 @@ def test_twin_of_a_run_with_a_line_outage_begins_without_the_line() -> None:
     other = twin_of(record)
     assert other is not None
     assert other.kind == OUTAGE
-    found = swings_of(record, other)
-    assert found.response is not None
+    swings = swings_of(record, other)
+    assert swings.response is not None
     late = record.time_s > 17.0
-    assert np.abs(found.response[late]).max() < 0.2 * np.abs(found.own[late]).max()
-    assert found.indices is None  # the twin's own trip is in it
+    assert np.abs(swings.response[late]).max() < 0.2 * np.abs(swings.own[late]).max()
+    assert swings.indices is None  # the twin's own trip is in it
 
 
 def test_without_noise_there_is_none() -> None:
@@ -63,10 +63,10 @@ def test_without_events_the_twin_has_a_pulse_whose_response_is_that_without_nois
     other = twin_of(record)
     assert other is not None
     assert other.kind == PULSED
-    found = swings_of(record, other).pulse
+    pulse = swings_of(record, other).pulse
     quiet = loop.run(with_pulse(load_case("two_area_deployment", [*SETS, "load_noise=null", "measurement.noise={}"])))
-    assert found is not None
-    assert np.abs(found - speeds(quiet)).max() < 0.05 * np.abs(speeds(quiet)).max()
+    assert pulse is not None
+    assert np.abs(pulse - speeds(quiet)).max() < 0.05 * np.abs(speeds(quiet)).max()
 
 
 def test_noise_of_pmus_alone_is_noise() -> None:
@@ -94,8 +94,11 @@ def test_twin_of_a_recording_has_its_changes() -> None:
 @pytest.mark.parametrize("notes", [["cut"], []])
 def test_damaged_recording_and_a_node_of_one_s_own_have_none(notes: list[str]) -> None:
     record = loop.run(load_case("two_area_deployment", SETS))
-    own = {**record.configuration, "controllers": [{**record.configuration["controllers"][0], "external": True}]}
-    assert twin_of(replace(record, notes=notes) if notes else replace(record, configuration=own)) is None
+    configuration = {
+        **record.configuration,
+        "controllers": [{**record.configuration["controllers"][0], "external": True}],
+    }
+    assert twin_of(replace(record, notes=notes) if notes else replace(record, configuration=configuration)) is None
 
 
 def test_response_to_a_pulse_that_noise_hides_is_that_without_noise() -> None:
@@ -121,10 +124,10 @@ def test_response_is_damped_as_the_linear_loop(delay: float, seed: int) -> None:
         "two_area_deployment",
         ["duration=40", *SETS[1:], FAULT, link, f"seed={seed}", "controllers.0.name=LLC"],
     )
-    made = delayed_loop(unsupervised(case))
-    modes = oscillations(made, eigen(made, sampled(made, min(link_delays(case)))), case)
+    closed_loop = delayed_loop(unsupervised(case))
+    modes = oscillations(closed_loop, eigen(closed_loop, sampled(closed_loop, min(link_delays(case)))), case)
     linear = min(mode.damping_ratio for mode in modes if mode.swings)
     record = loop.run(case)
-    found = summarise(record, twin=twin_of(record))
-    assert found.verdict == "damped"
-    assert found.modes[0].damping_ratio == pytest.approx(linear, abs=0.005)
+    summary = summarise(record, twin=twin_of(record))
+    assert summary.verdict == "damped"
+    assert summary.modes[0].damping_ratio == pytest.approx(linear, abs=0.005)

@@ -46,11 +46,11 @@ def test_file_has_all_of_it(tmp_path: Path) -> None:
     path = tmp_path / "plant.npz"
     assert main(["modes", "two_area", "--linear", str(path)]) == 0
     wanted = linear_plant.of(analyse(load_system("two_area"), ["sssc"]))
-    with np.load(path, allow_pickle=False) as found:
-        assert set(found.files) == set(wanted._fields)
+    with np.load(path, allow_pickle=False) as file:
+        assert set(file.files) == set(wanted._fields)
         for name, value in wanted._asdict().items():
-            assert np.array_equal(found[name], np.array(value)), name
-        again = control.StateSpace(found["A"], found["B"], found["C"], found["D"])
+            assert np.array_equal(file[name], np.array(value)), name
+        again = control.StateSpace(file["A"], file["B"], file["C"], file["D"])
     assert again.nstates == len(wanted.states)
 
 

@@ -40,12 +40,12 @@ def linearised(name: str, devices: tuple[str, ...]) -> Modal:
 
 def weights(system: System, signal: str) -> NDArray[np.float64]:
     """A signal's weights over the PMUs' channels."""
-    made = np.zeros((len(system.pmus), len(CHANNELS)))
+    weights_array = np.zeros((len(system.pmus), len(CHANNELS)))
     size = 1.0 / system.frequency if system.signals[signal].channel == "frequency" else 1.0
     for pmu, weight in system.signals[signal].weights.items():
         row = [s.name for s in system.pmus].index(pmu)
-        made[row, list(CHANNELS).index(system.signals[signal].channel)] = weight * size
-    return made
+        weights_array[row, list(CHANNELS).index(system.signals[signal].channel)] = weight * size
+    return weights_array
 
 
 def observed(system: System, frames: NDArray[np.float64], signal: str) -> NDArray[np.float64]:
@@ -53,14 +53,14 @@ def observed(system: System, frames: NDArray[np.float64], signal: str) -> NDArra
     return np.asarray(np.einsum("tsc,sc->t", np.nan_to_num(frames), weights(system, signal)))
 
 
-def interarea(found: Modal) -> Eigenmode:
-    (mode,) = [m for m in found.modes if m.label == "interarea"]
+def interarea(modal: Modal) -> Eigenmode:
+    (mode,) = [m for m in modal.modes if m.label == "interarea"]
     return mode
 
 
 def residue(mode: Eigenmode, device: str, signal: str) -> Residue:
-    (found,) = [r for r in mode.residues if (r.device, r.signal) == (device, signal)]
-    return found
+    (residue_of_pair,) = [r for r in mode.residues if (r.device, r.signal) == (device, signal)]
+    return residue_of_pair
 
 
 def value(r: Residue) -> complex:
@@ -75,20 +75,20 @@ def test_ringdown_after_a_short_pulse_has_the_mode_s_frequency_and_damping(name:
     trace = follow(plant(system, installed=devices), frame_times(21), targets)
     signals = [name for name, s in system.signals.items() if s.channel == "speed_deviation"]
     ringing = np.array([observed(system, trace.frames, signal) for signal in signals]).T
-    found = ringdown_modes(trace.t, ringing, since=1.0)[0]
+    ringing_mode = ringdown_modes(trace.t, ringing, since=1.0)[0]
     expected = linearised(name, devices).swings[0]  # the least damped
-    assert found.frequency_hz == pytest.approx(expected.frequency_hz, rel=1e-4)
-    assert found.damping_ratio == pytest.approx(expected.damping_ratio, abs=1e-4)
+    assert ringing_mode.frequency_hz == pytest.approx(expected.frequency_hz, rel=1e-4)
+    assert ringing_mode.damping_ratio == pytest.approx(expected.damping_ratio, abs=1e-4)
 
 
 @pytest.mark.parametrize(("name", "devices"), CASES)
 def test_start_in_the_shape_of_a_mode_moves_as_that_mode_alone(name: str, devices: tuple[str, ...]) -> None:
     """x - x0 = Re(v exp(lambda t)) in the time domain, all states of each electromechanical mode, for 3 s."""
-    found = linearised(name, devices)
-    values, right = np.linalg.eig(found.model.A)
+    modal = linearised(name, devices)
+    values, right = np.linalg.eig(modal.model.A)
     built = plant(name, installed=devices)
     speeds = [i for i, state in enumerate(built.state_names) if state.endswith(".omega")]
-    for mode in found.swings:
+    for mode in modal.swings:
         at = int(np.argmin(np.abs(values - mode.eigenvalue)))
         v = right[:, at] / np.abs(right[:, at]).max() * 1e-5
         trace = follow(built, frame_times(3), x=built.state.x + v.real)
@@ -99,16 +99,16 @@ def test_start_in_the_shape_of_a_mode_moves_as_that_mode_alone(name: str, device
 
 @pytest.mark.parametrize("devices", [("sssc",), BOTH])
 def test_two_areas_have_one_interarea_and_two_local_modes(devices: tuple[str, ...]) -> None:
-    found = linearised("two_area", devices)
-    assert [mode.label for mode in found.swings] == ["interarea", "local", "local"]
-    assert {mode.label for mode in found.modes} == {"interarea", "local", "common", "control"}
-    common = [mode for mode in found.modes if mode.label == "common"]
+    modal = linearised("two_area", devices)
+    assert [mode.label for mode in modal.swings] == ["interarea", "local", "local"]
+    assert {mode.label for mode in modal.modes} == {"interarea", "local", "common", "control"}
+    common = [mode for mode in modal.modes if mode.label == "common"]
     assert all(abs(mode.eigenvalue) < 5e-3 for mode in common)
 
 
-def apart(mode: Eigenmode, one: str, other: str) -> float:
+def apart(mode: Eigenmode, machine: str, other: str) -> float:
     """Angle between the motions of two machines, deg."""
-    return float(abs(np.rad2deg(np.angle(mode.shape[one] / mode.shape[other]))))
+    return float(abs(np.rad2deg(np.angle(mode.shape[machine] / mode.shape[other]))))
 
 
 @pytest.mark.parametrize("devices", [("sssc",), BOTH])
@@ -117,14 +117,14 @@ def test_shapes_are_areas_against_each_other_and_machines_of_one_area(devices: t
     assert max(apart(between, "G1", "G2"), apart(between, "G3", "G4")) < 30
     assert min(apart(between, a, b) for a in ("G1", "G2") for b in ("G3", "G4")) > 150
     assert min(abs(v) for v in between.shape.values()) > 0.3
-    own = {frozenset(("G1", "G2")): 0, frozenset(("G3", "G4")): 0}
+    pairs = {frozenset(("G1", "G2")): 0, frozenset(("G3", "G4")): 0}
     for mode in local:
-        one, other, *rest = sorted(mode.shape, key=lambda name: -abs(mode.shape[name]))
-        assert mode.shape[one] == pytest.approx(1)
-        assert apart(mode, one, other) > 150
+        first, other, *rest = sorted(mode.shape, key=lambda name: -abs(mode.shape[name]))
+        assert mode.shape[first] == pytest.approx(1)
+        assert apart(mode, first, other) > 150
         assert max(abs(mode.shape[name]) for name in rest) < 0.3
-        own[frozenset((one, other))] += 1
-    assert set(own.values()) == {1}
+        pairs[frozenset((first, other))] += 1
+    assert set(pairs.values()) == {1}
 
 
 @pytest.mark.parametrize(("others", "label"), [(0.1, "interarea"), (-0.1, "local")])
@@ -153,16 +153,16 @@ def test_shape_is_the_motion_in_the_time_domain() -> None:
 
 def test_without_areas_swings_are_electromechanical() -> None:
     machines = [{**m.model_dump(), "area": None} for m in shipped("two_area").machines]
-    found = modal_tables.analyse(changed(shipped("two_area"), machines=machines), ["sssc"])
-    assert [mode.label for mode in found.swings] == ["electromechanical"] * 3
+    modal = modal_tables.analyse(changed(shipped("two_area"), machines=machines), ["sssc"])
+    assert [mode.label for mode in modal.swings] == ["electromechanical"] * 3
 
 
 def test_common_governor_mode_is_not_a_swing() -> None:
     """A mode of 0.03 Hz in which all speeds are alike."""
     governors = [{**t.model_dump(), "enabled": True} for t in shipped("two_area").governors]
-    found = modal_tables.analyse(changed(shipped("two_area"), governors=governors), ["sssc"])
-    assert [mode.label for mode in found.swings] == ["interarea", "local", "local"]
-    (together,) = [mode for mode in found.modes if 0.01 < mode.frequency_hz < 0.1 and mode.damping_ratio < 0.9]
+    modal = modal_tables.analyse(changed(shipped("two_area"), governors=governors), ["sssc"])
+    assert [mode.label for mode in modal.swings] == ["interarea", "local", "local"]
+    (together,) = [mode for mode in modal.modes if 0.01 < mode.frequency_hz < 0.1 and mode.damping_ratio < 0.9]
     assert together.label in ("common", "control")
     assert together.residues == []
     assert max(abs(together.shape[f"G{g}"] / together.shape["G1"] - 1) for g in (2, 3, 4)) < 0.1
@@ -196,11 +196,11 @@ def test_residue_is_the_eigenvalue_s_slope_by_a_gain_around_the_linear_model(
     devices: tuple[str, ...], device: str, signal: str
 ) -> None:
     """u = K y: d lambda / dK = R at K = 0, for each mode, and the feed-through u = K (1 - K D)^-1 C x."""
-    found = linearised("two_area", devices)
-    A, B, C, D, *_ = found.model
-    row, column = list(found.system.signals).index(signal), devices.index(device)
-    for mode in found.swings:
-        r = value(residue(mode, device, signal)) / found.model.gain(mode.eigenvalue)[row]
+    modal = linearised("two_area", devices)
+    A, B, C, D, *_ = modal.model
+    row, column = list(modal.system.signals).index(signal), devices.index(device)
+    for mode in modal.swings:
+        r = value(residue(mode, device, signal)) / modal.model.gain(mode.eigenvalue)[row]
         K = 1e-4 / abs(r)
         ends = [
             eigenvalue(A + np.outer(B[:, column], C[row]) * k / (1 - k * D[row, column]), mode.eigenvalue)
@@ -212,21 +212,21 @@ def test_residue_is_the_eigenvalue_s_slope_by_a_gain_around_the_linear_model(
 @pytest.mark.parametrize(("device", "signal"), [("sssc", "w13"), ("statcom", "speed"), ("sssc", "power")])
 def test_residue_is_the_eigenvalue_s_slope_by_a_gain_around_the_plant(device: str, signal: str) -> None:
     """The same with the loop closed around the nonlinear derivatives and measured frames."""
-    found, built = linearised("two_area", BOTH), plant("two_area", installed=BOTH)
+    modal, built = linearised("two_area", BOTH), plant("two_area", installed=BOTH)
     column, work = BOTH.index(device), workspace(built.plant, built.state)
-    rest = float(observed(found.system, follow(built, [0.0]).frames, signal)[0])
+    rest = float(observed(modal.system, follow(built, [0.0]).frames, signal)[0])
 
     def closed(x: NDArray[np.float64], K: float) -> NDArray[np.float64]:
         reference, dx = np.zeros(2), np.zeros_like(x)
         for _ in range(4 if signal == "power" else 1):  # u = K y(x, u): a contraction by 5 K
             held = built._replace(state=built.state._replace(reference=reference.copy()))
-            reference[column] = K * (observed(found.system, follow(held, [0.0], x=x).frames, signal)[0] - rest)
+            reference[column] = K * (observed(modal.system, follow(held, [0.0], x=x).frames, signal)[0] - rest)
         derivatives(built.plant, x, reference, copy(built.state).source, 0, dx, work)
         return dx
 
-    mode = interarea(found)
-    row = list(found.system.signals).index(signal)
-    r = value(residue(mode, device, signal)) / found.model.gain(mode.eigenvalue)[row]
+    mode = interarea(modal)
+    row = list(modal.system.signals).index(signal)
+    r = value(residue(mode, device, signal)) / modal.model.gain(mode.eigenvalue)[row]
     K = 1e-2 / abs(r)
     ends = [
         eigenvalue(jacobian(lambda x, k=k: closed(x, k), built.state.x), mode.eigenvalue)  # type: ignore[misc]
@@ -249,10 +249,10 @@ def test_sign_and_lead_turn_every_residue_to_the_left() -> None:
 @pytest.mark.parametrize("device", BOTH)
 def test_gain_with_the_lead_of_the_rule_damps_the_interarea_mode(device: str, signal: str) -> None:
     """u = sign K H(s) y with H(j omega) = exp(j lead), two lead-lag sections: the mode goes left by |R| K."""
-    found = linearised("two_area", BOTH)
-    row, column = list(found.system.signals).index(signal), BOTH.index(device)
-    A, B, C, D = found.model.A, found.model.B[:, [column]], found.model.C[[row]], found.model.D[row, column]
-    mode = interarea(found)
+    modal = linearised("two_area", BOTH)
+    row, column = list(modal.system.signals).index(signal), BOTH.index(device)
+    A, B, C, D = modal.model.A, modal.model.B[:, [column]], modal.model.C[[row]], modal.model.D[row, column]
+    mode = interarea(modal)
     r = residue(mode, device, signal)
     omega, quarter = mode.eigenvalue.imag, np.deg2rad(r.lead_deg) / 4
     T1, T2 = (np.tan(np.pi / 4 + side * quarter) / omega for side in (1, -1))
@@ -271,20 +271,20 @@ def test_gain_with_the_lead_of_the_rule_damps_the_interarea_mode(device: str, si
 
 def test_feedthrough_is_that_of_the_series_voltage_to_the_tie_power() -> None:
     """About 5 p.u. per p.u.; speeds do not jump. As measured where the reference differs and no state does."""
-    found, built = linearised("two_area", BOTH), plant("two_area", installed=BOTH)
-    D = {name: found.model.D[i] for i, name in enumerate(found.system.signals)}
+    modal, built = linearised("two_area", BOTH), plant("two_area", installed=BOTH)
+    D = {name: modal.model.D[i] for i, name in enumerate(modal.system.signals)}
     assert D["power"][0] == pytest.approx(5, abs=0.3)
     for name in ("w12", "w34", "w13", "speed"):
         assert (D[name] == 0).all()
-    turning = [name for name, signal in found.system.signals.items() if signal.channel == "frequency"]
+    turning = [name for name, signal in modal.system.signals.items() if signal.channel == "frequency"]
     assert all(abs(row[1]) < 1e-9 for name, row in D.items() if name not in turning)  # a current does not jump
     for name in ("power", "voltage"):
         ends = []
         for u in (-1e-3, 1e-3):
             held = built._replace(state=built.state._replace(reference=np.array([u, 0.0])))
-            ends.append(observed(found.system, follow(held, [0.0]).frames, name)[0])
+            ends.append(observed(modal.system, follow(held, [0.0]).frames, name)[0])
         assert (ends[1] - ends[0]) / 2e-3 == pytest.approx(D[name][0], rel=1e-4)
-    listed = {(t.device, t.signal): t for t in transfer_functions(found.model, list(found.system.signals), BOTH)}
+    listed = {(t.device, t.signal): t for t in transfer_functions(modal.model, list(modal.system.signals), BOTH)}
     assert listed["sssc", "power"].feedthrough == pytest.approx(D["power"][0])
     assert listed["statcom", "power"].feedthrough == 0
 
@@ -293,24 +293,24 @@ def test_feedthrough_is_that_of_the_series_voltage_to_the_tie_power() -> None:
 @given(hertz=st.floats(0.02, 8), sigma=st.floats(-0.5, 3), case=st.sampled_from(CASES))
 def test_zeros_poles_and_gain_give_the_response(hertz: float, sigma: float, case: tuple[str, tuple[str, ...]]) -> None:
     """gain prod(s - z) / prod(s - p) = F (C (s I - A)^-1 B + D) anywhere in the band of interest, F the washouts."""
-    found = linearised(*case)
-    poles = np.linalg.eigvals(found.model.A)
+    modal = linearised(*case)
+    poles = np.linalg.eigvals(modal.model.A)
     s = complex(sigma, 2 * np.pi * hertz)
-    response = found.model.response(s)
-    plain = found.model.C @ np.linalg.inv(s * np.eye(len(poles)) - found.model.A) @ found.model.B + found.model.D
-    times = np.array([signal.washout for signal in found.system.signals.values()])
+    response = modal.model.response(s)
+    plain = modal.model.C @ np.linalg.inv(s * np.eye(len(poles)) - modal.model.A) @ modal.model.B + modal.model.D
+    times = np.array([signal.washout for signal in modal.system.signals.values()])
     washouts = np.array([s * T / (1 + s * T) if T else 1.0 for T in times])
     np.testing.assert_allclose(response, washouts[:, None] * plain)
     for t in factors(case):
-        row, column = list(found.system.signals).index(t.signal), case[1].index(t.device)
+        row, column = list(modal.system.signals).index(t.signal), case[1].index(t.device)
         product = t.gain * np.prod(s - np.array(t.zeros)) / np.prod(s - np.array(t.poles))
         assert product == pytest.approx(response[row, column], rel=1e-4)
 
 
 @cache
 def factors(case: tuple[str, tuple[str, ...]]) -> list[Any]:
-    found = linearised(*case)
-    return transfer_functions(found.model, list(found.system.signals), case[1])
+    modal = linearised(*case)
+    return transfer_functions(modal.model, list(modal.system.signals), case[1])
 
 
 @pytest.mark.parametrize("device", [0, 1])
@@ -323,7 +323,7 @@ def test_sinusoidal_setpoint_gives_the_frequency_response(device: int) -> None:
     statcom = {"name": "statcom", "kind": "statcom", "bus": "B3", "setpoint_max": 0.1, "rate_max": 10, "I_max": 5}
     system = shipped("smib")
     system = changed(system, devices=[*(d.model_dump(by_alias=True) for d in system.devices), statcom])
-    found = modal_tables.analyse(system, BOTH)
+    modal = modal_tables.analyse(system, BOTH)
     hertz, hold, size = 0.75, 1 / 240, 1e-3
     at = np.arange(0, 40, hold)
     targets = [(t, size * np.sin(2 * np.pi * hertz * t), device) for t in at]
@@ -335,8 +335,8 @@ def test_sinusoidal_setpoint_gives_the_frequency_response(device: int) -> None:
     for row, signal in enumerate(system.signals):
         y = observed(system, trace.frames, signal)[late]
         wave = 2j * np.mean((y - y.mean()) * turn)
-        at_once = found.model.D[row, device]
-        expected = (found.model.response(2j * np.pi * hertz)[row, device] - at_once) * held + at_once * last
+        at_once = modal.model.D[row, device]
+        expected = (modal.model.response(2j * np.pi * hertz)[row, device] - at_once) * held + at_once * last
         # A derivative shows what the integrator's step does to the converter's fast modes.
         close = 5e-3 if system.signals[signal].channel == "frequency" else 1e-3
         assert wave / size == pytest.approx(expected, rel=close), signal
@@ -344,8 +344,8 @@ def test_sinusoidal_setpoint_gives_the_frequency_response(device: int) -> None:
 
 def test_modes_of_a_matrix_need_no_system() -> None:
     """Then nothing is said of kinds but control, and no residue is given."""
-    found = linearised("two_area", ("sssc",))
-    plain = modes(found.model.A, found.built.state_names)
+    modal = linearised("two_area", ("sssc",))
+    plain = modes(modal.model.A, modal.built.state_names)
     assert {mode.label for mode in plain} == {"control"}
-    assert [mode.eigenvalue for mode in plain] == [mode.eigenvalue for mode in found.modes]
+    assert [mode.eigenvalue for mode in plain] == [mode.eigenvalue for mode in modal.modes]
     assert all(mode.residues == [] for mode in plain)

@@ -32,13 +32,16 @@ def shaped(sets: list[str], gain: list[float], delay: float) -> Matrices:
 
 @pytest.mark.parametrize(("sets", "gain"), [([], [12.0]), (BOTH, [12.0, 3.0])], ids=["one", "both"])
 def test_riccati_and_gamma_are_those_of_python_control(sets: list[str], gain: list[float]) -> None:
-    own = shaped(sets, gain, 0.1)
-    plant = control.ss(*own)
-    for A, B, C in ((own.A, own.B, own.C), (own.A.T, own.C.T, own.B.T)):
+    weighed = shaped(sets, gain, 0.1)
+    plant = control.ss(*weighed)
+    for A, B, C in ((weighed.A, weighed.B, weighed.C), (weighed.A.T, weighed.C.T, weighed.B.T)):
         known, _, _ = control.care(A, B, C.T @ C)
         np.testing.assert_allclose(loop_shaping.continuous_riccati(A, B, C), known, rtol=1e-7, atol=1e-7 * known.max())
-    law, gamma = loop_shaping.tolerant(own, 1.2)
-    X, Z = loop_shaping.continuous_riccati(*own[:3]), loop_shaping.continuous_riccati(own.A.T, own.C.T, own.B.T)
+    law, gamma = loop_shaping.tolerant(weighed, 1.2)
+    X, Z = (
+        loop_shaping.continuous_riccati(*weighed[:3]),
+        loop_shaping.continuous_riccati(weighed.A.T, weighed.C.T, weighed.B.T),
+    )
     assert gamma == pytest.approx(1.2 * np.sqrt(1.0 + np.linalg.eigvals(X @ Z).real.max()))
     closed = control.feedback(plant, control.ss(*law), sign=1)
     assert closed.poles().real.max() < 0.0
@@ -46,9 +49,9 @@ def test_riccati_and_gamma_are_those_of_python_control(sets: list[str], gain: li
 
 def test_norm_that_it_promises_holds() -> None:
     """||[K; 1] (1 - G K)^-1 [G, 1]|| is at most gamma: what a coprime factor may be wrong by is 1 / gamma."""
-    own = shaped([], [12.0], 0.1)
-    law, gamma = loop_shaping.tolerant(own, 1.2)
-    G, K = control.ss(*own), control.ss(*law)
+    weighed = shaped([], [12.0], 0.1)
+    law, gamma = loop_shaping.tolerant(weighed, 1.2)
+    G, K = control.ss(*weighed), control.ss(*law)
     worst = 0.0
     for w in np.geomspace(1e-3, 1e3, 2000):
         g, k = G(1j * w), K(1j * w)

@@ -67,13 +67,15 @@ def whole_of(case: Case) -> Whole:
     plant, (controller,) = plant_of(case), case.controllers
     rows = [plant.signals.index(name) for name in controller.signals]
     columns = [plant.devices.index(name) for name in controller.devices]
-    own = plant.model
-    C, D = own.C[rows], own.D[np.ix_(rows, columns)]
-    A, B, *_ = cont2discrete((own.A, own.B[:, columns], C, D), 1.0 / 60 / PARTS)
-    return Whole(A, B, C, D, own.washout[rows], plant.names)
+    linear = plant.model
+    C, D = linear.C[rows], linear.D[np.ix_(rows, columns)]
+    A, B, *_ = cont2discrete((linear.A, linear.B[:, columns], C, D), 1.0 / 60 / PARTS)
+    return Whole(A, B, C, D, linear.washout[rows], plant.names)
 
 
-def frame(whole: Whole, own: StateSpace, quarters: int, state: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+def frame(
+    whole: Whole, observer: StateSpace, quarters: int, state: list[NDArray[np.float64]]
+) -> list[NDArray[np.float64]]:
     """A frame of plant and controller: what each part of the state becomes; each has a column a start.
 
     Parts are the plant, raw and washed signals of the frame before, estimate, setpoint, what is in force, and what is
@@ -83,9 +85,9 @@ def frame(whole: Whole, own: StateSpace, quarters: int, state: list[NDArray[np.f
     now = whole.C @ x + whole.D @ force
     a = 2 * 60 * whole.washout[:, None]
     y = np.where(a > 0, (a * (now - raw) - (1 - a) * washed) / (1 + a), now)
-    estimate = own.A @ estimate + own.B @ u
-    estimate = estimate + own.M @ (y - own.C @ estimate)
-    u = -own.K @ estimate
+    estimate = observer.A @ estimate + observer.B @ u
+    estimate = estimate + observer.M @ (y - observer.C @ estimate)
+    u = -observer.K @ estimate
     for _ in range(PARTS):
         sent = [*sent, u]
         force, *sent = sent
@@ -94,12 +96,12 @@ def frame(whole: Whole, own: StateSpace, quarters: int, state: list[NDArray[np.f
     return [x, now, y, estimate, u, force, *sent]
 
 
-def closed(whole: Whole, own: StateSpace, quarters: int) -> NDArray[np.float64]:
+def closed(whole: Whole, observer: StateSpace, quarters: int) -> NDArray[np.float64]:
     """The closed loop from frame to frame, a column for each part of the state."""
     signals, devices = whole.D.shape
-    sizes = [len(whole.A), signals, signals, len(own.A), *[devices] * (2 + quarters)]
+    sizes = [len(whole.A), signals, signals, len(observer.A), *[devices] * (2 + quarters)]
     parts = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
-    return np.vstack(frame(whole, own, quarters, parts))
+    return np.vstack(frame(whole, observer, quarters, parts))
 
 
 def unanswered(whole: Whole, matrix: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
@@ -115,12 +117,12 @@ def unanswered(whole: Whole, matrix: NDArray[np.float64]) -> tuple[NDArray[np.co
 @pytest.mark.parametrize("which", RUNS)
 def test_with_the_whole_plant_all_that_is_seen_and_moved_is_stable(which: str, quarters: int) -> None:
     case = case_of(which, quarters)
-    whole, own = whole_of(case), matrices(case)
-    values, others = unanswered(whole, closed(whole, own, quarters))
+    whole, observer = whole_of(case), matrices(case)
+    values, others = unanswered(whole, closed(whole, observer, quarters))
     rigid = 0 if which.startswith("smib") else 2
     assert np.sum(others < 1e-3) == rigid  # two motions of an island, none beside an infinite bus
     assert np.abs(values[others >= 1e-3]).max() < 1.0
-    quiet = own._replace(K=0.0 * own.K)
+    quiet = observer._replace(K=0.0 * observer.K)
     values, others = unanswered(whole, closed(whole, quiet, quarters))
     assert (np.abs(values[others >= 1e-3]).max() > 1.0) == (which != "smib")
 
@@ -136,8 +138,8 @@ def test_reduced_model_is_near_the_plant_and_small(which: str) -> None:
     s = 2j * np.pi * np.geomspace(0.05, 3.0, 60)
     for B, b in ((whole.B, small.B), (whole.G, small.G)):
         for C, c in ((whole.C, small.C), (whole.Z, small.Z)):
-            full = np.array([C @ np.linalg.solve(one * np.eye(len(whole.A)) - whole.A, B) for one in s])
-            less = np.array([c @ np.linalg.solve(one * np.eye(len(small.A)) - small.A, b) for one in s])
+            full = np.array([C @ np.linalg.solve(frequency * np.eye(len(whole.A)) - whole.A, B) for frequency in s])
+            less = np.array([c @ np.linalg.solve(frequency * np.eye(len(small.A)) - small.A, b) for frequency in s])
             maximum = np.abs(full).max(axis=(0, 2))[:, None]
             assert (np.abs(less - full).max(axis=0) < 0.03 * maximum).all()
 
@@ -159,12 +161,12 @@ def test_regulator_is_riccatis_of_the_plant_with_its_delay(which: str, lag: floa
     small, limits = reduced_of(case), np.array([0.1] * len(case.controllers[0].devices))
     step = sampled(small, 60, lag)
     washout, noise = np.zeros(len(small.C)), np.ones(len(small.C))
-    own = optimal(small, step, None, washout, 1 / 60, limits, 1e-6, noise)
-    Q = np.zeros((len(own.A), len(own.A)))
+    observer = optimal(small, step, None, washout, 1 / 60, limits, 1e-6, noise)
+    Q = np.zeros((len(observer.A), len(observer.A)))
     Q[: len(small.A), : len(small.A)] = small.Z.T @ small.Z
-    K, *_ = dlqr(own.A, own.B, Q, np.diag(1e-6 / limits**2), method="scipy")
-    assert len(own.A) == len(small.A) + (int(60 * lag) + 1) * len(limits)
-    np.testing.assert_allclose(own.K, K, rtol=1e-4, atol=1e-5 * np.abs(K).max())
+    K, *_ = dlqr(observer.A, observer.B, Q, np.diag(1e-6 / limits**2), method="scipy")
+    assert len(observer.A) == len(small.A) + (int(60 * lag) + 1) * len(limits)
+    np.testing.assert_allclose(observer.K, K, rtol=1e-4, atol=1e-5 * np.abs(K).max())
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.06])
@@ -176,36 +178,36 @@ def test_lqg_gains_have_the_least_cost(which: str, lag: float) -> None:
     small, limits = reduced_of(case), np.array([0.1] * len(controller.devices))
     washout = plant.model.washout[[plant.signals.index(name) for name in controller.signals]]
     noise = 0.1 * np.abs([plant.ratio(name, controller.signals[0]) for name in controller.signals])
-    own = optimal(small, sampled(small, 60, lag), None, washout, 1 / 60, limits, 1e-5, noise)
-    torque = np.zeros((len(own.A), small.G.shape[1]))  # a jump away from where each step leads
+    observer = optimal(small, sampled(small, 60, lag), None, washout, 1 / 60, limits, 1e-5, noise)
+    torque = np.zeros((len(observer.A), small.G.shape[1]))  # a jump away from where each step leads
     jump = np.linalg.solve(small.A, small.G)
     torque[: len(jump)] = jump
     torque[len(jump) : len(jump) + np.sum(washout > 0)] = (small.C @ jump)[washout > 0]
 
-    def cost(one: StateSpace) -> float:
+    def cost(trial: StateSpace) -> float:
         """Of states X and x(k|k-1)."""
-        back = one.A - one.B @ one.K @ (np.eye(len(one.A)) - one.M @ one.C)
-        feed = one.B @ one.K @ one.M
-        seen = one.A @ one.M @ one.C
-        top = np.hstack([one.A - feed @ one.C, -one.B @ one.K @ (np.eye(len(one.A)) - one.M @ one.C)])
-        low = np.hstack([seen - feed @ one.C, back - seen])
+        back = trial.A - trial.B @ trial.K @ (np.eye(len(trial.A)) - trial.M @ trial.C)
+        feed = trial.B @ trial.K @ trial.M
+        seen = trial.A @ trial.M @ trial.C
+        top = np.hstack([trial.A - feed @ trial.C, -trial.B @ trial.K @ (np.eye(len(trial.A)) - trial.M @ trial.C)])
+        low = np.hstack([seen - feed @ trial.C, back - seen])
         loop_ = np.vstack([top, low])
-        of_noise = np.vstack([-feed, one.A @ one.M - feed]) * noise
+        of_noise = np.vstack([-feed, trial.A @ trial.M - feed]) * noise
         of_torque = np.vstack([torque, np.zeros_like(torque)])
         V = solve_discrete_lyapunov(loop_, of_noise @ of_noise.T + of_torque @ of_torque.T)
-        n = len(one.A)
+        n = len(trial.A)
         Z = np.hstack([small.Z, np.zeros((len(small.Z), 2 * n - len(small.A)))])
-        u = -one.K @ np.hstack([one.M @ one.C, np.eye(n) - one.M @ one.C])
-        of_u = u @ V @ u.T + one.K @ one.M @ np.diag(noise**2) @ one.M.T @ one.K.T
+        u = -trial.K @ np.hstack([trial.M @ trial.C, np.eye(n) - trial.M @ trial.C])
+        of_u = u @ V @ u.T + trial.K @ trial.M @ np.diag(noise**2) @ trial.M.T @ trial.K.T
         assert np.abs(np.linalg.eigvals(loop_)).max() < 1.0
         return float(np.trace(Z @ V @ Z.T) + 1e-5 * np.sum(np.diag(of_u) / limits**2))
 
-    minimum, random = cost(own), np.random.default_rng(1)
+    minimum, random = cost(observer), np.random.default_rng(1)
     dearer = []
     for _ in range(10):
-        K = own.K * (1 + 0.02 * random.normal(size=own.K.shape))
-        M = own.M * (1 + 0.02 * random.normal(size=own.M.shape))
-        dearer += [cost(own._replace(K=K)) / minimum - 1.0, cost(own._replace(M=M)) / minimum - 1.0]
+        K = observer.K * (1 + 0.02 * random.normal(size=observer.K.shape))
+        M = observer.M * (1 + 0.02 * random.normal(size=observer.M.shape))
+        dearer += [cost(observer._replace(K=K)) / minimum - 1.0, cost(observer._replace(M=M)) / minimum - 1.0]
     assert min(dearer) > 0.0
     assert max(dearer) < 0.1  # near an optimum the cost is flat
 

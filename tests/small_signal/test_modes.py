@@ -33,9 +33,9 @@ ANDES = {
 
 def swings(built: Built) -> list[Eigenmode]:
     """The three electromechanical modes by frequency: interarea, then the local ones."""
-    found = modes(linearise(built)[0], built.state_names)
+    all_modes = modes(linearise(built)[0], built.state_names)
     return sorted(
-        (m for m in found if 0.3 < m.frequency_hz < 2 and m.damping_ratio < 0.3), key=lambda m: m.frequency_hz
+        (m for m in all_modes if 0.3 < m.frequency_hz < 2 and m.damping_ratio < 0.3), key=lambda m: m.frequency_hz
     )
 
 
@@ -96,8 +96,8 @@ def test_swings_of_kundur_12_6_are_those_of_other_programs() -> None:
 )
 def test_swings_of_two_area(model: str, figures: list[tuple[float, float]], bounds: list[tuple[float, float]]) -> None:
     """As the design has them; with standard machines as a separate program found them."""
-    found = swings(plant(with_machines(shipped("two_area"), model)))
-    for swing, (hertz, ratio), (near, close) in zip(found, figures, bounds, strict=True):
+    found_swings = swings(plant(with_machines(shipped("two_area"), model)))
+    for swing, (hertz, ratio), (near, close) in zip(found_swings, figures, bounds, strict=True):
         assert swing.frequency_hz == pytest.approx(hertz, abs=near)
         assert swing.damping_ratio == pytest.approx(ratio, abs=close)
 
@@ -128,9 +128,9 @@ def test_residue_from_the_setpoint_to_the_speed_difference() -> None:
     built, other = plant("two_area"), Model(shipped("two_area"), ["sssc"])
     A, B = linearise(built)
     assert B.shape == (len(built.state.x), 1)
-    found = residue(built.state_names, A, B)
-    assert np.rad2deg(np.angle(found)) == pytest.approx(177, abs=1)
-    assert found == pytest.approx(residue(other.names, *other.state_matrix()), rel=1e-5)
+    residue_found = residue(built.state_names, A, B)
+    assert np.rad2deg(np.angle(residue_found)) == pytest.approx(177, abs=1)
+    assert residue_found == pytest.approx(residue(other.names, *other.state_matrix()), rel=1e-5)
 
 
 MODELS = [("cascade", "static"), ("genrou", "static"), ("cascade", "constant"), ("genrou", "constant")]
@@ -183,10 +183,10 @@ def test_participation_factors_of_a_known_matrix() -> None:
 
 def test_modes_of_a_known_oscillator() -> None:
     """-0.3 +- 4j: one mode of the pair, 4 / (2 pi) Hz, damping ratio 0.3 / |lambda|."""
-    (found,) = modes(np.array([[-0.3, 4.0], [-4.0, -0.3]]), ["a", "b"])
-    assert found.eigenvalue == pytest.approx(-0.3 + 4j)
-    assert found.frequency_hz == pytest.approx(4 / (2 * np.pi))
-    assert found.damping_ratio == pytest.approx(0.3 / abs(-0.3 + 4j))
+    (mode,) = modes(np.array([[-0.3, 4.0], [-4.0, -0.3]]), ["a", "b"])
+    assert mode.eigenvalue == pytest.approx(-0.3 + 4j)
+    assert mode.frequency_hz == pytest.approx(4 / (2 * np.pi))
+    assert mode.damping_ratio == pytest.approx(0.3 / abs(-0.3 + 4j))
 
 
 def test_swings_take_place_in_rotors_of_their_own_area() -> None:

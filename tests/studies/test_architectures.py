@@ -57,21 +57,21 @@ def test_page_has_the_medians_and_counts_of_the_networks(rows: Rows) -> None:
     written = {cells[0].strip(): [cell.strip() for cell in cells[1:]] for cells in lines}
     for a, architecture in enumerate(ARCHITECTURES):
         lead_lag = [row["ITAE"] for scenario in SCENARIOS for row in of(rows, architecture, scenario)[:1]]
-        told = written["`LLC-tuned` in `small`, `large`, `multiple`"][a]
-        assert lead_lag == pytest.approx([float(value) for value in told.split(",")], rel=0.03)
+        written_cell = written["`LLC-tuned` in `small`, `large`, `multiple`"][a]
+        assert lead_lag == pytest.approx([float(value) for value in written_cell.split(",")], rel=0.03)
     for architecture, scenario in RUN:
-        own = of(rows, architecture, scenario)[1:]
-        assert len(own) == 2 * 11
-        told = written[f"`{scenario}`, median"][ARCHITECTURES.index(architecture)]
-        converged = [row["ITAE"] for row in own if row["stable"] and row["converged"]]
-        assert median(converged) == pytest.approx(float(told), rel=0.03)
+        network_rows = of(rows, architecture, scenario)[1:]
+        assert len(network_rows) == 2 * 11
+        written_cell = written[f"`{scenario}`, median"][ARCHITECTURES.index(architecture)]
+        converged = [row["ITAE"] for row in network_rows if row["stable"] and row["converged"]]
+        assert median(converged) == pytest.approx(float(written_cell), rel=0.03)
 
 
 def test_networks_that_are_damped_are_as_many_as_the_page_says(rows: Rows) -> None:
     (line,) = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| [damped]")]
-    told = dict(zip(ARCHITECTURES, line.split("|")[2:-1], strict=True))
+    cells = dict(zip(ARCHITECTURES, line.split("|")[2:-1], strict=True))
     for architecture, scenario in RUN:
-        counts = re.findall(r"\d+", told[architecture].split(";")[0])
+        counts = re.findall(r"\d+", cells[architecture].split(";")[0])
         assert len(counts) == len(SCENARIOS)
         assert sum(row["damped"] for row in of(rows, architecture, scenario)[1:]) == int(
             counts[SCENARIOS.index(scenario)]
@@ -80,12 +80,15 @@ def test_networks_that_are_damped_are_as_many_as_the_page_says(rows: Rows) -> No
 
 def test_lead_lags_side_by_side_are_the_centralised_one() -> None:
     """Appendix B's two lead-lags take one signal: centralised or not, they are the same."""
-    one = "controllers=[{name: LLC, signals: [speed], devices: [sssc, statcom]}]"
+    centralised = "controllers=[{name: LLC, signals: [speed], devices: [sssc, statcom]}]"
     each = (
         "controllers=[{name: LLC, signals: [speed], devices: [sssc]}, "
         "{name: LLC, signals: [speed], devices: [statcom], parameters: {gain: 5}}]"
     )
-    both = [loop.run(load_case(None, ["devices=[sssc, statcom]", own, "duration=5"])) for own in (one, each)]
+    both = [
+        loop.run(load_case(None, ["devices=[sssc, statcom]", controllers, "duration=5"]))
+        for controllers in (centralised, each)
+    ]
     assert both[0].frames.tobytes() == both[1].frames.tobytes()
 
 
@@ -131,8 +134,8 @@ def test_tables_of_columns_that_are_not_there_are_refused_before_any_run(
 
 @pytest.mark.parametrize("text", ["controllers.*.name=HBsWC", "controllers.*.parameters.gain=12"])
 def test_star_is_every_entry_of_a_list(text: str) -> None:
-    given = "controllers=[{name: LLC, devices: [sssc]}, {name: LLC, devices: [statcom]}]"
-    case = load_case(None, ["devices=[sssc, statcom]", given, text, "scenario=[]"])
+    controllers = "controllers=[{name: LLC, devices: [sssc]}, {name: LLC, devices: [statcom]}]"
+    case = load_case(None, ["devices=[sssc, statcom]", controllers, text, "scenario=[]"])
     field, value = text.split(".", 2)[2].split("=")
     for row in case.run.controllers:
         assert (row.name if field == "name" else f"{row.parameters['gain']:g}") == value

@@ -32,15 +32,15 @@ def test_study_without_axes_is_one_run() -> None:
 
 
 def test_axes_make_a_grid_the_last_fastest() -> None:
-    found = points({"field": "a.0.b", "values": [1, 2]}, {"field": "c", "values": ["x", "y", "z"]})
-    assert [(p.changes["a.0.b"], p.changes["c"]) for p in found] == [(a, c) for a in (1, 2) for c in "xyz"]
-    assert all(p.columns == p.changes for p in found)
+    grid = points({"field": "a.0.b", "values": [1, 2]}, {"field": "c", "values": ["x", "y", "z"]})
+    assert [(p.changes["a.0.b"], p.changes["c"]) for p in grid] == [(a, c) for a in (1, 2) for c in "xyz"]
+    assert all(p.columns == p.changes for p in grid)
 
 
 def test_zipped_axes_go_side_by_side_within_a_grid() -> None:
     both = {"zip": [{"field": "a", "values": [1, 2]}, {"field": "b", "values": [3, 4]}]}
-    found = points(both, {"field": "c", "values": [5, 6]})
-    assert [tuple(p.changes.values()) for p in found] == [(1, 3, 5), (1, 3, 6), (2, 4, 5), (2, 4, 6)]
+    grid = points(both, {"field": "c", "values": [5, 6]})
+    assert [tuple(p.changes.values()) for p in grid] == [(1, 3, 5), (1, 3, 6), (2, 4, 5), (2, 4, 6)]
 
 
 def test_value_goes_into_several_fields_by_factors() -> None:
@@ -50,17 +50,17 @@ def test_value_goes_into_several_fields_by_factors() -> None:
 
 def test_rows_set_several_fields_and_leave_others_alone() -> None:
     rows = [{"name": "LLC"}, {"name": "HBsWC", "scheme": "direct"}]
-    found = points({"rows": rows})
-    assert [p.changes for p in found] == rows
-    assert [p.columns for p in found] == [{"name": "LLC", "scheme": None}, {"name": "HBsWC", "scheme": "direct"}]
+    row_points = points({"rows": rows})
+    assert [p.changes for p in row_points] == rows
+    assert [p.columns for p in row_points] == [{"name": "LLC", "scheme": None}, {"name": "HBsWC", "scheme": "direct"}]
     assert [p.columns for p in points({"name": "who", "rows": rows})] == [{"who": "LLC"}, {"who": "HBsWC direct"}]
 
 
 def test_labels_stand_in_the_table_and_do_not_reach_the_run() -> None:
     rows = [{"p": 0.5, "q": 0.25}, {"p": 0.1, "q": 0.05}]
-    found = points({"name": "burst", "labels": [2, 10], "rows": rows})
-    assert [p.columns for p in found] == [{"burst": 2}, {"burst": 10}]
-    assert [p.changes for p in found] == rows
+    row_points = points({"name": "burst", "labels": [2, 10], "rows": rows})
+    assert [p.columns for p in row_points] == [{"burst": 2}, {"burst": 10}]
+    assert [p.changes for p in row_points] == rows
 
 
 @pytest.mark.parametrize(
@@ -100,21 +100,21 @@ def test_draws_have_their_distribution_and_depend_on_the_seed_alone(
     variable: dict[str, Any], law: Any, method: str
 ) -> None:
     draws = {"draws": {"number": 2000, "method": method, "variables": [{"field": "duration", **variable}]}}
-    found = np.array([p.columns["duration"] for p in points(draws, seed=4)])
-    assert stats.kstest(found, law.cdf).pvalue > 1e-3
+    durations = np.array([p.columns["duration"] for p in points(draws, seed=4)])
+    assert stats.kstest(durations, law.cdf).pvalue > 1e-3
     assert points(draws, seed=4) == points(draws, seed=4)
     assert points(draws, seed=5) != points(draws, seed=4)
     if method == "latin_hypercube":
-        assert sorted((law.cdf(found) * 2000).astype(int)) == list(range(2000))
+        assert sorted((law.cdf(durations) * 2000).astype(int)) == list(range(2000))
 
 
 def test_variables_drawn_together_are_independent_and_whole_ones_whole() -> None:
-    one = {"field": "a", "distribution": "uniform", "low": 0, "high": 1}
+    first = {"field": "a", "distribution": "uniform", "low": 0, "high": 1}
     two = {"field": "b", "distribution": "uniform", "low": 0.5, "high": 100.5, "whole": True}
-    found = points({"draws": {"number": 500, "variables": [one, two]}})
-    assert len(found) == 500
-    assert abs(np.corrcoef([list(p.changes.values()) for p in found], rowvar=False)[0, 1]) < 0.15
-    assert all(type(p.changes["b"]) is int and 0 <= p.changes["b"] <= 101 for p in found)
+    drawn = points({"draws": {"number": 500, "variables": [first, two]}})
+    assert len(drawn) == 500
+    assert abs(np.corrcoef([list(p.changes.values()) for p in drawn], rowvar=False)[0, 1]) < 0.15
+    assert all(type(p.changes["b"]) is int and 0 <= p.changes["b"] <= 101 for p in drawn)
 
 
 # Margins
@@ -152,9 +152,9 @@ def test_run_that_holds_again_is_noticed_and_the_first_edge_is_the_margin() -> N
     assert high is not None
     assert low < 0.33 <= high
     assert {0.6, 0.7, 0.8} <= set(again)  # and values beside the edges, which are refined
-    told = margins.over_seeds([margins.Bracket(low, high, again)], margin(), 0)
-    assert (told.monotonic, told.holds_again) == (False, again)
-    assert (told.low_s, told.high_s) == (low, high)
+    margin_row = margins.over_seeds([margins.Bracket(low, high, again)], margin(), 0)
+    assert (margin_row.monotonic, margin_row.holds_again) == (False, again)
+    assert (margin_row.low_s, margin_row.high_s) == (low, high)
 
 
 @given(edges=st.lists(st.floats(0.02, 0.98), min_size=1, max_size=4, unique=True).map(sorted))
@@ -168,7 +168,7 @@ def test_set_that_holds_has_all_edges_that_the_grid_tells_apart(edges: list[floa
 
     while wanted := margins.wanted(spec, tried):
         tried.update({value: fails(value) for value in wanted})
-    ends = [end for one in margins.holding([tried]) for end in one]
+    ends = [end for interval in margins.holding([tried]) for end in interval]
     expected = [0.0, *edges, *([1.0] if len(edges) % 2 == 0 else [])]
     assert ends == pytest.approx(expected, abs=spec.tolerance)
 
@@ -184,18 +184,18 @@ def test_margins_beyond_what_was_run_are_none() -> None:
     always, _ = search(lambda _: True, margin())
     assert never == margins.Bracket(1.0, None, [])
     assert always == margins.Bracket(None, 0.0, [])
-    told = margins.over_seeds([never], margin(), 0)
-    assert (told.margin_s, told.low_s, told.high_s, told.beyond) == (None, 1.0, None, "high")
-    told = margins.over_seeds([always], margin(), 0)
-    assert (told.margin_s, told.low_s, told.high_s, told.beyond) == (None, None, 0.0, "low")
+    margin_row = margins.over_seeds([never], margin(), 0)
+    assert (margin_row.margin_s, margin_row.low_s, margin_row.high_s, margin_row.beyond) == (None, 1.0, None, "high")
+    margin_row = margins.over_seeds([always], margin(), 0)
+    assert (margin_row.margin_s, margin_row.low_s, margin_row.high_s, margin_row.beyond) == (None, None, 0.0, "low")
 
 
 def test_share_that_holds_is_of_the_coarse_grid_over_all_searches() -> None:
     spec = margin(coarse=5)  # 0, 0.25, 0.5, 0.75, 1; values of the bisection do not count
-    one = {0.0: False, 0.25: False, 0.375: False, 0.5: True, 0.75: False, 1.0: True}
-    assert margins.held(spec, [one]) == pytest.approx(3 / 5)
+    first = {0.0: False, 0.25: False, 0.375: False, 0.5: True, 0.75: False, 1.0: True}
+    assert margins.held(spec, [first]) == pytest.approx(3 / 5)
     other = {0.0: True, 0.25: True, 0.5: True, 0.75: None, 1.0: True}  # one could not be run
-    assert margins.held(spec, [one, other]) == pytest.approx(3 / 9)
+    assert margins.held(spec, [first, other]) == pytest.approx(3 / 9)
     assert margins.held(spec, [{0.0: None}]) is None
 
 
@@ -204,41 +204,41 @@ def test_values_that_could_not_be_run_do_not_stop_the_search() -> None:
     assert low == pytest.approx(0.34, abs=0.005)
     assert high == pytest.approx(0.34, abs=0.008)
     assert tried < 20
-    found, _ = search(lambda _: None, margin())
-    assert found == margins.Bracket(None, None, [])
-    told = margins.over_seeds([found], margin(), 0)
-    assert (told.margin_s, told.low_s, told.high_s) == (None, None, None)
+    bracket, _ = search(lambda _: None, margin())
+    assert bracket == margins.Bracket(None, None, [])
+    margin_row = margins.over_seeds([bracket], margin(), 0)
+    assert (margin_row.margin_s, margin_row.low_s, margin_row.high_s) == (None, None, None)
 
 
 def test_median_over_seeds_lies_in_its_interval_which_holds_it_as_often_as_it_says() -> None:
     random, inside = np.random.default_rng(1), 0
     for seed in range(200):
         edges = random.normal(0.3, 0.05, 20)
-        told = margins.over_seeds([margins.Bracket(e - 0.0025, e + 0.0025, []) for e in edges], margin(), seed)
-        assert told.low_s is not None
-        assert told.margin_s is not None
-        assert told.high_s is not None
-        assert told.low_s < told.margin_s < told.high_s
-        inside += told.low_s <= 0.3 <= told.high_s
+        margin_row = margins.over_seeds([margins.Bracket(e - 0.0025, e + 0.0025, []) for e in edges], margin(), seed)
+        assert margin_row.low_s is not None
+        assert margin_row.margin_s is not None
+        assert margin_row.high_s is not None
+        assert margin_row.low_s < margin_row.margin_s < margin_row.high_s
+        inside += margin_row.low_s <= 0.3 <= margin_row.high_s
     assert 0.88 <= inside / 200 <= 1.0
 
 
 def test_seeds_of_which_some_never_fail_have_a_median() -> None:
     brackets = [margins.Bracket(0.2, 0.21, [])] * 8 + [margins.Bracket(1.0, None, [])] * 2
-    told = margins.over_seeds(brackets, margin(), 0)
-    assert told.margin_s == pytest.approx(0.205)
-    assert told.low_s == 0.2
+    margin_row = margins.over_seeds(brackets, margin(), 0)
+    assert margin_row.margin_s == pytest.approx(0.205)
+    assert margin_row.low_s == 0.2
     few = margins.over_seeds(brackets[7:], margin(), 0)
     assert (few.margin_s, few.high_s, few.beyond) == (None, None, "high")
 
 
 def test_shares_have_wilson_s_interval() -> None:
-    told = margins.failed_fraction(3, 20)
+    fraction = margins.failed_fraction(3, 20)
     z, p, n = 1.959964, 0.15, 20
     middle, half = (p + z**2 / 2 / n) / (1 + z**2 / n), z * np.sqrt(p * (1 - p) / n + z**2 / 4 / n**2) / (1 + z**2 / n)
-    assert (told.runs, told.failed, told.fraction) == (20, 3, 0.15)
-    assert told.low == pytest.approx(middle - half)
-    assert told.high == pytest.approx(middle + half)
+    assert (fraction.runs, fraction.failed, fraction.fraction) == (20, 3, 0.15)
+    assert fraction.low == pytest.approx(middle - half)
+    assert fraction.high == pytest.approx(middle + half)
 
 
 # Draws of several kinds
@@ -259,19 +259,27 @@ DRAWS: dict[str, Any] = {
 
 
 def test_kinds_come_in_turn_with_what_is_theirs_and_what_all_have() -> None:
-    found = points({"name": "event", "draws": DRAWS}, seed=3)
-    assert [one.columns["event"] for one in found] == ["trip", "fault", "step", "trip", "fault", "step", "trip"]
-    own = {"trip": set[str](), "fault": {"scenario.0.duration"}, "step": {"change"}}
-    for one in found:
-        assert set(one.changes) == {"seed", "scenario"} | own[one.columns["event"]]
-        assert (one.columns["lasts"] is None) == (one.columns["event"] != "fault")
-        assert list(one.columns) == ["seed", "event", "lasts", "change"]
-    assert len({one.columns["seed"] for one in found}) == len(found)
+    drawn = points({"name": "event", "draws": DRAWS}, seed=3)
+    assert [kind_point.columns["event"] for kind_point in drawn] == [
+        "trip",
+        "fault",
+        "step",
+        "trip",
+        "fault",
+        "step",
+        "trip",
+    ]
+    fields_of_kind = {"trip": set[str](), "fault": {"scenario.0.duration"}, "step": {"change"}}
+    for drawn_point in drawn:
+        assert set(drawn_point.changes) == {"seed", "scenario"} | fields_of_kind[drawn_point.columns["event"]]
+        assert (drawn_point.columns["lasts"] is None) == (drawn_point.columns["event"] != "fault")
+        assert list(drawn_point.columns) == ["seed", "event", "lasts", "change"]
+    assert len({kind_point.columns["seed"] for kind_point in drawn}) == len(drawn)
 
 
 def test_hypercube_is_one_over_the_draws_of_a_kind() -> None:
     axis = {"name": "event", "draws": {**DRAWS, "number": 30}}
-    lasting = sorted(one.columns["lasts"] for one in points(axis) if one.columns["event"] == "fault")
+    lasting = sorted(point.columns["lasts"] for point in points(axis) if point.columns["event"] == "fault")
     assert [int((value - 1.0) * 10) for value in lasting] == list(range(10))
     assert axes.drawn_columns(check(Axis, axis, "axis")) == ["seed", "lasts", "change"]
 

@@ -7,7 +7,7 @@ from facts_damping_studies.sweeps.batch import identity
 
 
 def test_fallback_is_not_what_is_studied() -> None:
-    own = ["controllers.0.name=HBsWC", "controllers.0.scheme=direct", "supervision=standard"]
+    sets = ["controllers.0.name=HBsWC", "controllers.0.scheme=direct", "supervision=standard"]
     reserve = "controllers.+={name: ANFTSC, scheme: indirect, fallback_of: 0, signals: [power]}"
-    alone, with_reserve = (identity(load_case("two_area_large", [*own, *more])) for more in ([], [reserve]))
+    alone, with_reserve = (identity(load_case("two_area_large", [*sets, *more])) for more in ([], [reserve]))
     assert alone == with_reserve == {"controller": "HBsWC", "scheme": "direct", "seed": 0}

@@ -63,30 +63,30 @@ def carried_out(path: Path, folder: Path, **more: Any) -> list[DrawRow]:
 
 @pytest.mark.parametrize("name", shipped("campaigns"))
 def test_shipped_campaigns_can_be_drawn_from(name: str) -> None:
-    made = campaign.plan(name)
-    drawn = {campaign.draw(made, number).fault for number in range(40)}
-    assert drawn <= set(campaign.weights(made.campaign))
+    plan = campaign.plan(name)
+    drawn = {campaign.draw(plan, number).fault for number in range(40)}
+    assert drawn <= set(campaign.weights(plan.campaign))
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_campaign_fault_makes_a_run(fault: str, small: Path) -> None:
     """Drawn a few times: what it changes can be run, and is not nothing, but where it is only done to real graphs."""
     small.write_text(SMALL + f"faults: {{{fault}: 1}}\n" + ("healthy: 1.0\n" if fault == "none" else ""))
-    made = campaign.plan(str(small))
+    plan = campaign.plan(str(small))
     for number in range(4):
-        drawn = campaign.draw(made, number, real=True)
+        drawn = campaign.draw(plan, number, real=True)
         assert drawn.fault == fault
-        case = campaign.case_of(made, drawn)
-        sound = campaign.case_of(made, campaign.healthy(made, drawn))
+        case = campaign.case_of(plan, drawn)
+        sound = campaign.case_of(plan, campaign.healthy(plan, drawn))
         assert (case.document() == sound.document()) == (fault in ("none", *ONLY_REAL))
 
 
 def test_draw_is_its_number_s_whatever_was_drawn_before(small: Path) -> None:
-    made = campaign.plan(str(small))
-    first = [campaign.draw(made, number) for number in range(6)]
-    assert [campaign.draw(made, number) for number in reversed(range(6))] == first[::-1]
-    assert campaign.plan(str(small), draws=100).fingerprint == made.fingerprint  # more draws: the same ones, and more
-    other = made._replace(campaign=made.campaign.model_copy(update={"seed": 6}))
+    plan = campaign.plan(str(small))
+    first = [campaign.draw(plan, number) for number in range(6)]
+    assert [campaign.draw(plan, number) for number in reversed(range(6))] == first[::-1]
+    assert campaign.plan(str(small), draws=100).fingerprint == plan.fingerprint  # more draws: the same ones, and more
+    other = plan._replace(campaign=plan.campaign.model_copy(update={"seed": 6}))
     assert [campaign.draw(other, number) for number in range(6)] != first
 
 
@@ -96,10 +96,10 @@ def test_draw_that_fails_is_a_run_file_that_runs_again_bit_for_bit(
     monkeypatch.setitem(invariants.ALONE, "within_limits", invariants.Rule("", lambda *_: -1.0))
     rows = carried_out(small, tmp_path / "out", draws=2)
     assert [row.holds for row in rows] == [False, False]
-    made = campaign.plan(str(small))
+    plan = campaign.plan(str(small))
     for number in (0, 1):
         again = loop.run(load_case(str(tmp_path / "out" / "failed" / f"{number}.yaml")))
-        once = loop.run(campaign.case_of(made, campaign.draw(made, number)))
+        once = loop.run(campaign.case_of(plan, campaign.draw(plan, number)))
         for name in ("issued", "supervised", "supervision", "applied", "machines"):
             assert getattr(again, name).tobytes() == getattr(once, name).tobytes()
 
@@ -109,9 +109,9 @@ def test_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatch: 
     asked: list[int] = []
     one_draw = campaign.one_draw
 
-    def noted(made: campaign.CampaignPlan, number: int) -> tuple[str, DrawRow]:
+    def noted(plan: campaign.CampaignPlan, number: int) -> tuple[str, DrawRow]:
         asked.append(number)
-        return one_draw(made, number)
+        return one_draw(plan, number)
 
     monkeypatch.setattr(campaign, "one_draw", noted)
     rows = carried_out(small, tmp_path / "out")
@@ -140,17 +140,17 @@ def test_harmful_trips_are_counted_of_all_healthy_draws() -> None:
 
 
 def test_wrong_sign_that_was_never_found_is_missed() -> None:
-    long = [drawn_row(fault="wrong_sign", detected_s=found) for found in (2.0, None)]
+    long = [drawn_row(fault="wrong_sign", detected_s=detected_s) for detected_s in (2.0, None)]
     beside = [drawn_row(fault="wrong_sign", lasts="0.1"), drawn_row(fault="wrong_sign", armed_s=None), drawn_row()]
     *_, row = campaign_tables.missed_table([*long, *beside]).markdown()
     assert "| 2 | 1: 50.00 % (9.45 to 90.55) | 0 |" in row
 
 
 def test_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder, told = tmp_path / "out", tmp_path / "told.json"
-    given = ["campaign", str(small), "--set", "seed=1", "--out", str(folder), "--jobs", "1", "--json", str(told)]
-    assert main(given) == 0
-    text, rows = (folder / "page.md").read_text(), json.loads(told.read_text())["draws"]
+    folder, document = tmp_path / "out", tmp_path / "told.json"
+    command = ["campaign", str(small), "--set", "seed=1", "--out", str(folder), "--jobs", "1", "--json", str(document)]
+    assert main(command) == 0
+    text, rows = (folder / "page.md").read_text(), json.loads(document.read_text())["draws"]
     assert "{{" not in text
     assert all(words in text for name, words in campaign_tables.WORDS.items() if name in invariants.INVARIANTS)
     assert len(rows) == 6
@@ -196,14 +196,16 @@ def test_another_campaign_s_folder_is_refused(small: Path, tmp_path: Path) -> No
 def test_healthy_is_the_share_in_which_nothing_fails() -> None:
     base_runs = {"it": {"run": "two_area_supervised"}}
     for fraction in (0.0, 0.25, 1.0):
-        own = campaign.weights(Campaign.model_validate({"draws": 1, "base_runs": base_runs, "healthy": fraction}))
-        assert own.get("none", 0.0) / sum(own.values()) == pytest.approx(fraction)
+        weights = campaign.weights(Campaign.model_validate({"draws": 1, "base_runs": base_runs, "healthy": fraction}))
+        assert weights.get("none", 0.0) / sum(weights.values()) == pytest.approx(fraction)
 
 
 def test_of_graphs_one_fault_in_two_is_done_to_a_node(small: Path) -> None:
     """Those that only say something forged, too; of a campaign that has such faults."""
-    own = campaign.weights(campaign.plan(str(small)).campaign, real=True)
-    assert set(ONLY_REAL) < set(own)
-    assert sum(weight for name, weight in own.items() if FAULTS[name].real) == pytest.approx(sum(own.values()) / 2)
+    weights = campaign.weights(campaign.plan(str(small)).campaign, real=True)
+    assert set(ONLY_REAL) < set(weights)
+    assert sum(weight for name, weight in weights.items() if FAULTS[name].real) == pytest.approx(
+        sum(weights.values()) / 2
+    )
     small.write_text(SMALL + "faults: {biased: 1, hung: 3}")
     assert campaign.weights(campaign.plan(str(small)).campaign, real=True) == {"biased": 1.0, "hung": 3.0}

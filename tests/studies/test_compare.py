@@ -51,7 +51,7 @@ def plans() -> list[sweep.SweepPlan]:
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory, plans: list[sweep.SweepPlan]) -> Rows:
     """Of networks every third in each scenario, each in some; all findings; all others in all scenarios."""
-    found = []
+    compared = []
     for plan in plans:
         case = plan.base.set["system"]
         findings = {(scenario, f"{name} {scheme}") for system, scenario, name, scheme in NOT_DAMPED if system == case}
@@ -67,10 +67,10 @@ def rows(tmp_path_factory: pytest.TempPathFactory, plans: list[sweep.SweepPlan])
             )
 
         few = plan._replace(points=[point for point in plan.points if chosen(point.columns)])
-        found += [
+        compared += [
             row.cells for row in sweep.rows(sweep.run(few, tmp_path_factory.mktemp(case), 1, None, Progress("compare")))
         ]
-    return found
+    return compared
 
 
 def place(row: dict[str, Any]) -> tuple[str, str, str, str]:
@@ -84,11 +84,11 @@ def test_comparison_has_all_controllers_and_schemes_on_all_scenarios(plans: list
     wanted = {f"{name} {scheme}" for name in networks for scheme in ("direct", "indirect")}
     wanted |= {"none", "LLC", "LLC-tuned", "LQG", "Hinf"}
     scenarios = [{point.columns["scenario"] for point in plan.points} for plan in plans]
-    assert [len(one) for one in scenarios] == [3, 4]
+    assert [len(names) for names in scenarios] == [3, 4]
     assert len(points) == 7 * len(wanted)
-    for plan, own in zip(plans, scenarios, strict=True):
-        for one in own:
-            assert {p.columns["kind"] for p in plan.points if p.columns["scenario"] == one} == wanted
+    for plan, names in zip(plans, scenarios, strict=True):
+        for scenario in names:
+            assert {p.columns["kind"] for p in plan.points if p.columns["scenario"] == scenario} == wanted
 
 
 def test_none_leaves_its_limits(rows: Rows) -> None:
@@ -102,20 +102,20 @@ def test_adaptive_controllers_damp_all_scenarios_except_for_the_findings(rows: R
 
 def test_lqg_damps_every_scenario_and_has_less_of_the_squares_than_lead_lags(rows: Rows) -> None:
     for system, scenario in {(row["system"], row["scenario"]) for row in rows}:
-        own = {r["controller"]: r for r in rows if (r["system"], r["scenario"]) == (system, scenario)}
-        assert own["LQG"]["damped"]
-        assert own["LQG"]["ISE"] < own["LLC"]["ISE"]
+        by_controller = {r["controller"]: r for r in rows if (r["system"], r["scenario"]) == (system, scenario)}
+        assert by_controller["LQG"]["damped"]
+        assert by_controller["LQG"]["ISE"] < by_controller["LLC"]["ISE"]
 
 
 def test_adaptive_controllers_beat_no_control_except_for_the_findings(rows: Rows) -> None:
     worse = set()
     for system, scenario in CALM:
-        own = [row for row in rows if (row["system"], row["scenario"]) == (system, scenario)]
-        (none,) = [row for row in own if row["controller"] == "none"]
+        scenario_rows = [row for row in rows if (row["system"], row["scenario"]) == (system, scenario)]
+        (none,) = [row for row in scenario_rows if row["controller"] == "none"]
         assert none["stable"]
         worse |= {
             place(row)
-            for row in own
+            for row in scenario_rows
             if row["scheme"] and not (row["stable"] and all(row[k] < none[k] for k in INDICES))
         }
     assert worse == NOT_BETTER
@@ -123,24 +123,24 @@ def test_adaptive_controllers_beat_no_control_except_for_the_findings(rows: Rows
 
 def test_in_another_profile_all_are_what_was_chosen_there() -> None:
     plan = sweep.plan("comparison", ["profile=deployment"], ["kind=none,LLC*,ANFTSC*"])
-    found = {tuple(point.columns.values()): make(plan.base, point.changes) for point in plan.points}
-    assert len(found) == 3 * 5  # none, LLC, LLC-tuned, ANFTSC in both schemes
-    for case in found.values():
+    cases = {tuple(point.columns.values()): make(plan.base, point.changes) for point in plan.points}
+    assert len(cases) == 3 * 5  # none, LLC, LLC-tuned, ANFTSC in both schemes
+    for case in cases.values():
         assert case.run.profile == "deployment"
         assert [c.signals for c in case.controllers] in ([], [["frequency"]])
     known = tuned("two_area", ["frequency"], ["sssc"], profile="deployment")
     for label, key in (("LLC-tuned", ("LLC-tuned", None)), ("ANFTSC direct", ("ANFTSC", "direct"))):
-        own = found["small", label].controllers[0].parameters
-        assert {name: own[name] for name in known[key]} == known[key]
+        parameters = cases["small", label].controllers[0].parameters
+        assert {name: parameters[name] for name in known[key]} == known[key]
 
 
 def test_comparison_gives_controllers_the_signals_that_they_can_take() -> None:
     plan = sweep.plan("comparison", ["controllers.0.signals=[speed, power]"], ["scenario=small"])
-    found = {point.columns["kind"]: make(plan.base, point.changes).controllers for point in plan.points}
-    assert [c.signals for c in found["LLC"]] == [["speed"]]
-    assert [c.signals for c in found["HBsWC indirect"]] == [["speed", "power"]]
+    by_kind = {point.columns["kind"]: make(plan.base, point.changes).controllers for point in plan.points}
+    assert [c.signals for c in by_kind["LLC"]] == [["speed"]]
+    assert [c.signals for c in by_kind["HBsWC indirect"]] == [["speed", "power"]]
     other = sweep.plan("comparison", ["controllers.0.signals=[angle]"], ["scenario=small"])
-    assert "LLC-tuned" in found
+    assert "LLC-tuned" in by_kind
     assert "LLC-tuned" not in [point.columns["kind"] for point in other.points]
 
 

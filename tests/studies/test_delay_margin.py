@@ -55,13 +55,13 @@ def nothing(_done: int, _of: int) -> None:
 
 
 @cache
-def found(signal: str) -> Margin:
+def margin_of(signal: str) -> Margin:
     return margin(load_case(None, [f"controllers.0.signals=[{signal}]"]), LONGEST, 6, nothing)
 
 
-def limit(one: Margin) -> float:
-    assert one.margin is not None
-    return one.margin
+def limit(loop_margin: Margin) -> float:
+    assert loop_margin.margin is not None
+    return loop_margin.margin
 
 
 @cache
@@ -75,7 +75,7 @@ def crossing(signal: str, gain: float = 10.0, system: str = "two_area") -> float
         return complex(lead_lag(1j * w, gain) * model.response(1j * w)[at, 0])
 
     w = np.linspace(0.5, 60, 4_000)
-    size = np.array([abs(opened(one)) for one in w]) - 1
+    size = np.array([abs(opened(frequency)) for frequency in w]) - 1
     delays = []
     for i in np.flatnonzero(size[1:] * size[:-1] < 0):
         w0 = w[i] + (w[i + 1] - w[i]) * size[i] / (size[i] - size[i + 1])
@@ -86,25 +86,25 @@ def crossing(signal: str, gain: float = 10.0, system: str = "two_area") -> float
 @pytest.mark.parametrize("signal", EARLIER)
 def test_margin_in_continuous_time_is_the_nyquist_crossing(signal: str) -> None:
     """Pade terms of order 6 without a hold: to 0.1 ms."""
-    assert found(signal).pade["continuous"] == pytest.approx(crossing(signal), abs=1e-4)
+    assert margin_of(signal).pade["continuous"] == pytest.approx(crossing(signal), abs=1e-4)
 
 
 @pytest.mark.parametrize("signal", EARLIER)
 def test_sampled_margin_is_half_a_frame_shorter(signal: str) -> None:
     """Of the exact one in continuous time, and by Pade terms: to 0.2 ms."""
-    assert limit(found(signal)) == pytest.approx(crossing(signal) - FRAME / 2, abs=2e-4)
-    assert limit(found(signal)) == pytest.approx(found(signal).pade["held"], abs=2e-4)
+    assert limit(margin_of(signal)) == pytest.approx(crossing(signal) - FRAME / 2, abs=2e-4)
+    assert limit(margin_of(signal)) == pytest.approx(margin_of(signal).pade["held"], abs=2e-4)
 
 
 @pytest.mark.parametrize("rate", [25, 120])
 def test_half_a_frame_at_other_rates(rate: int) -> None:
-    one = margin(load_case(None, [f"frame_rate={rate}"]), 0.25, None, nothing)
-    assert limit(one) == pytest.approx(crossing("speed") - 0.5 / rate, abs=1e-3)
+    loop_margin = margin(load_case(None, [f"frame_rate={rate}"]), 0.25, None, nothing)
+    assert limit(loop_margin) == pytest.approx(crossing("speed") - 0.5 / rate, abs=1e-3)
 
 
 def test_smib_against_the_crossing() -> None:
-    one = margin(load_case(None, ["system=smib", "scenario=nominal"]), LONGEST, 6, nothing)
-    assert limit(one) == pytest.approx(crossing("speed", system="smib") - FRAME / 2, abs=2e-4)
+    loop_margin = margin(load_case(None, ["system=smib", "scenario=nominal"]), LONGEST, 6, nothing)
+    assert limit(loop_margin) == pytest.approx(crossing("speed", system="smib") - FRAME / 2, abs=2e-4)
 
 
 @pytest.mark.parametrize("signal", EARLIER)
@@ -116,22 +116,24 @@ def test_figures_computed_before(signal: str) -> None:
         values = eigen(loop, approximate(loop, delay, 6, 0.0), discrete=False).values
         (swing,) = values[(values.imag > 3.8) & (values.imag < 4.5) & (values.real > -1)]
         assert -swing.real / abs(swing) == pytest.approx(ratio, abs=1e-3)
-    assert found(signal).pade["continuous"] == pytest.approx(longest, abs=5e-3 if signal == "w13" else 1e-3)
+    assert margin_of(signal).pade["continuous"] == pytest.approx(longest, abs=5e-3 if signal == "w13" else 1e-3)
     if signal == "speed":
-        assert limit(found(signal)) == pytest.approx(HELD, abs=1e-3)
+        assert limit(margin_of(signal)) == pytest.approx(HELD, abs=1e-3)
 
 
 def test_tracks_begin_with_the_electromechanical_modes_and_one_crosses_at_the_margin() -> None:
-    one = found("speed")
-    assert [track.label for track in one.tracks[:3]] == ["interarea", "local", "local"]
-    for track in one.tracks[:3]:
+    loop_margin = margin_of("speed")
+    assert [track.label for track in loop_margin.tracks[:3]] == ["interarea", "local", "local"]
+    for track in loop_margin.tracks[:3]:
         values = np.array([mode.eigenvalue for mode in track.modes if mode is not None])
-        assert len(values) == len(one.delays)
+        assert len(values) == len(loop_margin.delays)
         assert np.abs(np.diff(values)).max() < 0.1  # no jump to another mode
-    assert one.critical is not None
-    assert abs(one.critical.eigenvalue.real) < 1e-4
+    assert loop_margin.critical is not None
+    assert abs(loop_margin.critical.eigenvalue.real) < 1e-4
     crossing_ = [
-        t.label for t in one.tracks if (r := [m.eigenvalue.real for m in t.modes if m is not None])[0] < 0 < max(r)
+        t.label
+        for t in loop_margin.tracks
+        if (r := [m.eigenvalue.real for m in t.modes if m is not None])[0] < 0 < max(r)
     ]
     assert crossing_ == ["interarea"]
 
@@ -227,8 +229,8 @@ def test_limits_of_a_curve() -> None:
 
 def test_small_pulse_of_the_nonlinear_loop_has_the_linear_margin() -> None:
     """0.01 % of a load for half a second; the envelope of 40 s grows or dies: within 3 ms, where 10 are allowed."""
-    one = found("speed")
-    assert pulse_margin(one.case, limit(one)) == pytest.approx(limit(one), abs=3e-3)
+    loop_margin = margin_of("speed")
+    assert pulse_margin(loop_margin.case, limit(loop_margin)) == pytest.approx(limit(loop_margin), abs=3e-3)
 
 
 def in_scenarios() -> list[tuple[str, str, float, float]]:
@@ -245,7 +247,7 @@ def in_scenarios() -> list[tuple[str, str, float, float]]:
 @pytest.mark.parametrize(("scenario", "holds", "horizon", "delay"), in_scenarios())
 def test_margins_of_scenarios_are_those_of_the_page(scenario: str, holds: str, horizon: float, delay: float) -> None:
     """Each by its criterion and horizon: 3 ms below the run meets it, 3 ms above it does not."""
-    (criterion,) = [name for name, one in CRITERIA.items() if one.holds == holds]
+    (criterion,) = [name for name, row in CRITERIA.items() if row.holds == holds]
     case = load_case(None, [f"scenario={scenario}"])
     assert bears(case, delay - 0.003)[criterion, horizon]
     assert not bears(case, delay + 0.003)[criterion, horizon]
@@ -255,11 +257,11 @@ def test_linear_figures_are_those_of_the_page() -> None:
     rows = [row for row in table(6) if row[1].startswith(("continuous", "sampled"))]
     assert len(rows) == 4
     for signal, (continuous, sampled_) in zip(("w13", "speed"), (rows[:2], rows[2:]), strict=True):
-        one = found(signal)
-        assert f"{1e3 * (one.pade['continuous'] or 0.0):.1f} ms" == continuous[-1]
-        assert f"{1e3 * limit(one):.1f} ms" == sampled_[-1]
+        loop_margin = margin_of(signal)
+        assert f"{1e3 * (loop_margin.pade['continuous'] or 0.0):.1f} ms" == continuous[-1]
+        assert f"{1e3 * limit(loop_margin):.1f} ms" == sampled_[-1]
         for delay, ratio in zip((0.0, 0.1, 0.2), sampled_[2:5], strict=True):
-            mode = one.tracks[0].modes[int(np.argmin(np.abs(one.delays - delay)))]
+            mode = loop_margin.tracks[0].modes[int(np.argmin(np.abs(loop_margin.delays - delay)))]
             assert mode is not None
             assert f"{mode.damping_ratio:.4f}" == ratio
 
@@ -268,25 +270,27 @@ def test_edges_of_a_scenario_lie_between_two_runs(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(delay_margin_runs, "CLOSE", 5e-3)
     case = load_case(None, ["scenario=large"])
     found_ = holding(case, 0.22, lambda: None)
-    assert [(one.criterion, one.horizon) for one in found_] == list(product(CRITERIA, HORIZONS))[:6]
-    for one in found_:
-        (first, *_) = one.holds
+    assert [(holding_row.criterion, holding_row.horizon) for holding_row in found_] == list(
+        product(CRITERIA, HORIZONS)
+    )[:6]
+    for holding_row in found_:
+        (first, *_) = holding_row.holds
         assert first[0] == 0.0
-        assert bears(case, first[1] - 4e-3)[one.criterion, one.horizon]
-        assert not bears(case, first[1] + 4e-3)[one.criterion, one.horizon]
-    in_synchronism = [one for one in holding(case, 0.04, lambda: None) if one.criterion == "unstable"]
-    assert all(one.holds == [[0.0, 0.04]] for one in in_synchronism)
+        assert bears(case, first[1] - 4e-3)[holding_row.criterion, holding_row.horizon]
+        assert not bears(case, first[1] + 4e-3)[holding_row.criterion, holding_row.horizon]
+    in_synchronism = [other_row for other_row in holding(case, 0.04, lambda: None) if other_row.criterion == "unstable"]
+    assert all(interval.holds == [[0.0, 0.04]] for interval in in_synchronism)
 
 
 def test_ringdown_of_runs_is_that_of_the_linear_modes() -> None:
     """At each delay looked at: frequency to 0.2 %, damping ratio to 1e-3 of the interarea mode."""
     case = load_case(None, ["scenario=[]", "duration=20"])
-    one = margin(case, 0.2, None, nothing)
-    said = beside(one, nothing)
+    loop_margin = margin(case, 0.2, None, nothing)
+    said = beside(loop_margin, nothing)
     assert said.scenario == []
     assert len(said.ringdown) >= 5
     for delay, modes in said.ringdown:
-        mode = one.tracks[0].modes[int(np.argmin(np.abs(one.delays - delay)))]
+        mode = loop_margin.tracks[0].modes[int(np.argmin(np.abs(loop_margin.delays - delay)))]
         assert mode is not None
         strongest = min(modes, key=lambda m, mode=mode: abs(m.frequency_hz - mode.frequency_hz))  # type: ignore[misc]
         assert strongest.frequency_hz == pytest.approx(mode.frequency_hz, rel=2e-3)
@@ -305,27 +309,27 @@ def inside(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, 
 def test_command_gives_json_alone(inside: Callable[..., tuple[int, str, str]]) -> None:
     status, out, err = inside("two_area_small", "--max-delay", "0.25", "--pade", "4", "--json", "-")
     assert (status, err) == (0, "")
-    made = json.loads(out)
-    assert made["margin_s"] == pytest.approx(limit(found("speed")), abs=1e-5)
-    assert made["stable_s"] == [[0.0, made["margin_s"]]]
-    assert set(made["pade_s"]) == {"held", "continuous"}
-    assert made["run"]["scenario"] == "small"
-    assert {0.0, 0.005, 0.25} <= {row["delay_s"] for row in made["delays"]}
-    assert {m["label"] for m in made["delays"][0]["modes"]} == {"interarea", "local"}
-    assert "time_domain" not in made
+    document_read = json.loads(out)
+    assert document_read["margin_s"] == pytest.approx(limit(margin_of("speed")), abs=1e-5)
+    assert document_read["stable_s"] == [[0.0, document_read["margin_s"]]]
+    assert set(document_read["pade_s"]) == {"held", "continuous"}
+    assert document_read["run"]["scenario"] == "small"
+    assert {0.0, 0.005, 0.25} <= {row["delay_s"] for row in document_read["delays"]}
+    assert {m["label"] for m in document_read["delays"][0]["modes"]} == {"interarea", "local"}
+    assert "time_domain" not in document_read
 
 
 def test_command_gives_what_runs_say(inside: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     target = tmp_path / "found.json"
     status, out, err = inside("two_area_large", "--max-delay", "0.2", "--time-domain", "--json", str(target))
     assert (status, err) == (0, "")
-    made = json.loads(target.read_text())["time_domain"]
-    assert made["pulse_s"] == pytest.approx(limit(found("speed")), abs=3e-3)
-    assert {(row["criterion"], row["horizon_s"]) for row in made["scenario"]} == {
+    document_read = json.loads(target.read_text())["time_domain"]
+    assert document_read["pulse_s"] == pytest.approx(limit(margin_of("speed")), abs=3e-3)
+    assert {(row["criterion"], row["horizon_s"]) for row in document_read["scenario"]} == {
         (criterion, horizon) for criterion in ("unstable", "not_damped", "damping") for horizon in (20.0, 40.0)
     }
-    assert [row["delay_s"] for row in made["ringdown"]] == [0.0, 0.04, 0.08, 0.12, 0.16, 0.2]
-    assert all(row["modes"] for row in made["ringdown"])
+    assert [row["delay_s"] for row in document_read["ringdown"]] == [0.0, 0.04, 0.08, 0.12, 0.16, 0.2]
+    assert all(row["modes"] for row in document_read["ringdown"])
     assert "a pulse of 0.01 %" in out
     assert "large, damped over 40 s" in out
 
@@ -361,13 +365,13 @@ def test_fast_controller_swings_by_itself_with_delays_of_whole_frames() -> None:
     With 1 ms it does not.
     """
     case = load_case(None, ["controllers.0.name=LLC-tuned"])
-    one = margin(case, 0.05, None, nothing)
-    assert one.margin == 0.0
-    assert one.critical is not None
-    assert one.critical.frequency_hz == pytest.approx(30.0)
-    assert one.stable[0][0] < 0.001
-    assert one.stable[0][1] == pytest.approx(2 * FRAME, abs=1e-3)
-    assert one.stable[0][1] < 2 * FRAME
+    loop_margin = margin(case, 0.05, None, nothing)
+    assert loop_margin.margin == 0.0
+    assert loop_margin.critical is not None
+    assert loop_margin.critical.frequency_hz == pytest.approx(30.0)
+    assert loop_margin.stable[0][0] < 0.001
+    assert loop_margin.stable[0][1] == pytest.approx(2 * FRAME, abs=1e-3)
+    assert loop_margin.stable[0][1] < 2 * FRAME
     for delay, lasts in ((0.0, True), (0.001, False)):
         setpoints = loop.run(pulsed(case, delay, 20.0)).applied["value"][-60:]
         alternating = setpoints * (-1.0) ** np.arange(len(setpoints))
@@ -379,9 +383,9 @@ def test_fast_controller_swings_by_itself_with_delays_of_whole_frames() -> None:
 def test_power_of_its_own_line_drives_the_setpoint_from_limit_to_limit(name: str) -> None:
     """`power_rate` jumps with the SSSC's setpoint: never stable; and a run reaches both limits from round-off alone."""
     case = load_case(None, [f"controllers.0.name={name}", "controllers.0.signals=[power_rate]"])
-    one = margin(case, 0.1, None, nothing)
-    assert one.stable == []
-    assert one.worst[0].real > 100
+    loop_margin = margin(case, 0.1, None, nothing)
+    assert loop_margin.stable == []
+    assert loop_margin.worst[0].real > 100
     setpoints = loop.run(pulsed(case, 0.0, 1.0)).applied["value"]
     assert (setpoints.min(), setpoints.max()) == (-0.1, 0.1)
     gentle = load_case(None, ["controllers.0.signals=[power_rate]", "controllers.0.parameters.gain=0.2"])
@@ -390,23 +394,23 @@ def test_power_of_its_own_line_drives_the_setpoint_from_limit_to_limit(name: str
 
 @pytest.mark.parametrize("gain", [0.0, 1e-3])
 def test_loop_that_is_not_stable_without_delay_has_no_margin(gain: float, tmp_path: Path) -> None:
-    one = margin(load_case(None, [f"controllers.0.parameters.gain={gain}"]), 0.1, None, nothing)
-    assert (one.margin, one.stable) == (0.0, [])
-    assert document(one, None)["margin_s"] == 0.0
-    assert any("0 ms: there a mode of 0.6" in line for line in margin_text(one, None))
-    assert plot(one, None, tmp_path / "margin.png").is_file()
+    loop_margin = margin(load_case(None, [f"controllers.0.parameters.gain={gain}"]), 0.1, None, nothing)
+    assert (loop_margin.margin, loop_margin.stable) == (0.0, [])
+    assert document(loop_margin, None)["margin_s"] == 0.0
+    assert any("0 ms: there a mode of 0.6" in line for line in margin_text(loop_margin, None))
+    assert plot(loop_margin, None, tmp_path / "margin.png").is_file()
 
 
 def test_loop_that_bears_every_delay_looked_at_says_so(tmp_path: Path) -> None:
-    one = margin(load_case(None, []), 0.1, 6, nothing)
-    assert (one.margin, one.stable, one.critical) == (None, [(0.0, 0.1)], None)
-    assert document(one, None)["margin_s"] is None
-    assert any("beyond 100 ms" in line for line in margin_text(one, None))
-    assert plot(one, None, tmp_path / "margin.png").is_file()
+    loop_margin = margin(load_case(None, []), 0.1, 6, nothing)
+    assert (loop_margin.margin, loop_margin.stable, loop_margin.critical) == (None, [(0.0, 0.1)], None)
+    assert document(loop_margin, None)["margin_s"] is None
+    assert any("beyond 100 ms" in line for line in margin_text(loop_margin, None))
+    assert plot(loop_margin, None, tmp_path / "margin.png").is_file()
 
 
 def test_linear_law_of_ones_own_has_the_margin_of_the_shipped_one() -> None:
     """The thesis's lead-lag as a discrete law, by SciPy's bilinear transform."""
     case = load_case(None, ["controllers.0=" + json.dumps({"name": "my_damper", "linear": bilinear()})])
-    own = margin(case, LONGEST, 6, nothing)
-    assert own.margin == pytest.approx(limit(found("speed")), abs=1e-6)
+    of_law = margin(case, LONGEST, 6, nothing)
+    assert of_law.margin == pytest.approx(limit(margin_of("speed")), abs=1e-6)

@@ -31,7 +31,7 @@ def quiet(_name: str, _what: str) -> Any:
 
 
 @pytest.fixture(scope="module")
-def found() -> design.Design:
+def designed() -> design.Design:
     return design.design(design.Task(SYSTEM, [], 0.1, 0.1), 1, quiet)
 
 
@@ -57,10 +57,10 @@ def test_lead_lag_turns_the_residue_to_the_left(angle: float, hertz: float, rati
 @pytest.mark.parametrize("at", ["statcom", "line_9_10", "B9"])
 def test_residues_are_how_eigenvalues_move(at: str) -> None:
     """Of a device at its place, by the eigenvalues of the plant with a small gain from signal to setpoint."""
-    own = read_system(SYSTEM)
-    modes, _ = design.listed_modes(design.Task(SYSTEM, [], 0.1, 0.1), own)
-    system = places.only(places.with_signals(own, modes), ["w13", "w12", "p_line_6_7"], own)
-    chosen = next(p for p in places.places(own) if at in (p.at, p.device.name if p.own else None))
+    system_read = read_system(SYSTEM)
+    modes, _ = design.listed_modes(design.Task(SYSTEM, [], 0.1, 0.1), system_read)
+    system = places.only(places.with_signals(system_read, modes), ["w13", "w12", "p_line_6_7"], system_read)
+    chosen = next(p for p in places.places(system_read) if at in (p.at, p.device.name if p.own else None))
     seen = places.tried(places.Trial(system, chosen, modes))
     placed = place(places.with_place(system, chosen))
     built = build(placed, [chosen.device.name], [])
@@ -80,14 +80,14 @@ def test_residues_are_how_eigenvalues_move(at: str) -> None:
 
 def test_places_of_devices_have_every_line_and_bus_once() -> None:
     system = read_system(SYSTEM)
-    found = places.places(system)
-    taken = [(p.device.kind, p.at) for p in found]
-    assert len(set(taken)) == len(taken)
+    all_places = places.places(system)
+    kinds_and_places = [(p.device.kind, p.at) for p in all_places]
+    assert len(set(kinds_and_places)) == len(kinds_and_places)
     machines = {m.bus for m in system.machines}
-    assert not any(p.device.kind == "statcom" and p.at in machines for p in found if not p.own)
+    assert not any(p.device.kind == "statcom" and p.at in machines for p in all_places if not p.own)
     lines = {line.name for line in system.lines}
-    assert {p.at for p in found if p.device.kind == "sssc" and not p.own} == lines
-    assert [p.device.name for p in found if p.own] == ["sssc", "statcom"]
+    assert {p.at for p in all_places if p.device.kind == "sssc" and not p.own} == lines
+    assert [p.device.name for p in all_places if p.own] == ["sssc", "statcom"]
 
 
 def test_help_names_all_kinds_of_new_devices() -> None:
@@ -99,13 +99,13 @@ def test_help_names_all_kinds_of_new_devices() -> None:
 def test_new_devices_of_each_kind_have_places(kind: str) -> None:
     """In lines, at buses or at machines; each moves the interarea mode at its best place, by what the label says."""
     system = read_system(SYSTEM)
-    found = [p for p in places.places(system, [kind]) if not p.own]
+    new_places = [p for p in places.places(system, [kind]) if not p.own]
     in_lines, machines = {line.name for line in system.lines}, {m.name for m in system.machines}
     buses = {bus.name for bus in system.buses} - {m.bus for m in system.machines} - {"B8W"}  # that of the STATCOM
-    assert {p.at for p in found} in (in_lines, machines, buses)
-    assert {p.device.kind for p in found} == {kind}
+    assert {p.at for p in new_places} in (in_lines, machines, buses)
+    assert {p.device.kind for p in new_places} == {kind}
     modes, _ = design.listed_modes(design.Task(SYSTEM, [], 0.1, 0.1), system)
-    strengths = {p.label: places.tried(places.Trial(system, p, modes)).strength[0] for p in found}
+    strengths = {p.label: places.tried(places.Trial(system, p, modes)).strength[0] for p in new_places}
     assert all(label.startswith((f"{kind} in ", f"{kind} at ")) for label in strengths)
     assert max(strengths.values()) > 1e-4
     assert np.isfinite(list(strengths.values())).all()
@@ -114,9 +114,9 @@ def test_new_devices_of_each_kind_have_places(kind: str) -> None:
 def test_design_of_exciter_inputs_alone_has_scenarios() -> None:
     """No line and no bus is a candidate: faults at the grid's own."""
     task = design.Task("kundur_12_6_thyristor", [], 0.05, 0.1, kinds=["exciter_input"])
-    found = design.design(task, 1, quiet)
-    assert set(found.scenarios) == {"fault", "line_out"}
-    assert found.tried[found.chosen.tried].place.device.kind == "exciter_input"
+    task_design = design.design(task, 1, quiet)
+    assert set(task_design.scenarios) == {"fault", "line_out"}
+    assert task_design.tried[task_design.chosen.tried].place.device.kind == "exciter_input"
 
 
 def test_unknown_kind_is_refused() -> None:
@@ -124,19 +124,19 @@ def test_unknown_kind_is_refused() -> None:
         design.design(design.Task(SYSTEM, [], 0.1, 0.1, kinds=["upfc"]), 1, quiet)
 
 
-def test_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> None:
+def test_wanted_ratio_is_that_of_the_closed_loop(designed: design.Design) -> None:
     """By the margin's own study at the delay that was given, and by a simulation of a small step of a load."""
-    assert found.tuned.reached
-    run = {**found.run, "system": found.content, "scenario": []}
+    assert designed.tuned.reached
+    run = {**designed.run, "system": designed.content, "scenario": []}
     margin = delay_margin.margin(make_case(run, "test"), 0.6, None, lambda _done, _of: None)
     at = int(np.argmin(np.abs(margin.delays - 0.1)))
     track = next(t for t in margin.tracks if t.label == "interarea")
     there = track.modes[at]
     assert there is not None
     assert there.damping_ratio == pytest.approx(0.1, abs=1e-3)
-    assert found.stable is not None
-    assert found.stable.low == margin.stable[0][0]
-    assert found.stable.high == pytest.approx(margin.stable[0][1], abs=1e-5)
+    assert designed.stable is not None
+    assert designed.stable.low == margin.stable[0][0]
+    assert designed.stable.high == pytest.approx(margin.stable[0][1], abs=1e-5)
     run["scenario"] = [{"time": 1.0, "kind": "load_step", "load": "load_1", "change": 0.01}]
     result = summarise(loop.run(make_case({**run, "duration": 25.0}, "test")))
     slow = min((mode for mode in result.modes), key=lambda mode: abs(mode.frequency_hz - 0.64))
@@ -146,41 +146,41 @@ def test_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> None:
 def test_predicted_damping_of_other_modes_agrees_with_the_closed_loop() -> None:
     """A pair that takes damping from another mode is told, and passed over where there is another one."""
     task = design.Task(SYSTEM, [], 0.1, 0.1, place="B10", signal="w13")
-    found = design.design(task, 1, quiet)
-    (pair,) = found.pairs
+    task_design = design.design(task, 1, quiet)
+    (pair,) = task_design.pairs
     lost = int(np.argmin(pair.others))
     assert pair.others[lost] < -design.CONFLICT
     assert pair.conflicts()
-    names = [round(mode.frequency_hz, 1) for mode in found.modes]
-    before, after = found.tuned.before, found.tuned.after
-    other = min(range(len(before)), key=lambda i: abs(before[i].frequency_hz - found.modes[lost].frequency_hz))
+    names = [round(mode.frequency_hz, 1) for mode in task_design.modes]
+    before, after = task_design.tuned.before, task_design.tuned.after
+    other = min(range(len(before)), key=lambda i: abs(before[i].frequency_hz - task_design.modes[lost].frequency_hz))
     changed = [(b.damping_ratio - a.damping_ratio) for a, b in zip(before, after, strict=True) if b is not None]
-    assert changed[found.tuned.target] > 0.0 > changed[other], names
+    assert changed[task_design.tuned.target] > 0.0 > changed[other], names
     free = design.design(task._replace(place=None, signal=None), 1, quiet)
     assert not free.chosen.conflicts()
-    assert any(one.conflicts() for one in free.pairs)
+    assert any(free_pair.conflicts() for free_pair in free.pairs)
 
 
-def test_files_run(found: design.Design, tmp_path: Path) -> None:
+def test_files_run(designed: design.Design, tmp_path: Path) -> None:
     """The run as written is the loop that was designed, and its scenarios keep the grid together."""
-    written = design_pages.write(found, tmp_path)
+    written = design_pages.write(designed, tmp_path)
     assert [path.name for path in written][-2:] == ["run.yaml", "training_cases.yaml"]
     assert enumerated_axes.scenarios(str(tmp_path / "system.yaml")) == [
-        str(tmp_path / f"{name}.yaml") for name in found.scenarios
+        str(tmp_path / f"{name}.yaml") for name in designed.scenarios
     ]
     known = scoring.draws(
         str(tmp_path / "system.yaml"), None, 3, str(tmp_path / "training_cases.yaml"), reference="none"
     )
     assert len(known) == 3
     case = load_case(str(tmp_path / "run.yaml"))
-    assert case.controllers[0].parameters["gain"] == found.chosen.law.parameters(found.tuned.gain)["gain"]
-    assert case.scenario.name in found.scenarios
+    assert case.controllers[0].parameters["gain"] == designed.chosen.law.parameters(designed.tuned.gain)["gain"]
+    assert case.scenario.name in designed.scenarios
     result = summarise(loop.run(case))
     assert result.verdict == "damped"
-    assert design_pages.plot(found, tmp_path / "places.png").stat().st_size > 10_000
-    text = "\n".join(design_pages.text(found))
+    assert design_pages.plot(designed, tmp_path / "places.png").stat().st_size > 10_000
+    text = "\n".join(design_pages.text(designed))
     assert "damping ratio: 0.1" in text
-    assert design_pages.document(found)["reached"] is True
+    assert design_pages.document(designed)["reached"] is True
 
 
 @pytest.mark.parametrize(
@@ -202,33 +202,33 @@ def test_place_that_is_asked_for_is_taken_and_all_are_ranked(tmp_path: Path) -> 
     """A line's own device stays in service in the scenarios; what an earlier design wrote goes."""
     (tmp_path / "line_out.yaml").write_text("of an earlier design")
     task = design.Task(SYSTEM, [], 0.05, 0.1, place="line_1", signal="w13")
-    found = design.design(task, 1, quiet)
-    assert {found.tried[pair.tried].place.at for pair in found.pairs} == {"line_1"}
-    assert len(found.tried) == len(places.places(read_system(SYSTEM)))
-    tripped = [event.get("line") for one in found.scenarios.values() for event in one["events"]]
+    task_design = design.design(task, 1, quiet)
+    assert {task_design.tried[pair.tried].place.at for pair in task_design.pairs} == {"line_1"}
+    assert len(task_design.tried) == len(places.places(read_system(SYSTEM)))
+    tripped = [event.get("line") for scenario in task_design.scenarios.values() for event in scenario["events"]]
     assert "line_1" not in tripped
-    design_pages.write(found, tmp_path)
+    design_pages.write(task_design, tmp_path)
     left = (tmp_path / "line_out.yaml").exists()
-    assert left == ("line_out" in found.scenarios)
+    assert left == ("line_out" in task_design.scenarios)
     assert load_case(str(tmp_path / "run.yaml")).system.device("damper").place == "B7-line_1.damper"
 
 
 def test_speed_of_a_machine_at_an_infinite_bus_is_a_signal() -> None:
     """Where no machine swings against it, and the system names no speed itself."""
     sets = ["signals={}", "measures={}"]
-    own = read_system("smib", sets)
-    modes, _ = design.listed_modes(design.Task("smib", sets, 0.1, 0.1), own)
-    signals = places.with_signals(own, modes).signals
+    system_read = read_system("smib", sets)
+    modes, _ = design.listed_modes(design.Task("smib", sets, 0.1, 0.1), system_read)
+    signals = places.with_signals(system_read, modes).signals
     assert signals["w_G1"].weights == {"G1": 1.0}
 
 
 def test_signals_of_the_user_s_own_stay_as_they_are() -> None:
     """Also where a new one would have their name, and where the same flow is measured already."""
     sets = ["signals.p_line_6_7={channel: active_power, weights: {TIE: 2}}"]
-    own = read_system(SYSTEM, sets)
-    modes, _ = design.listed_modes(design.Task(SYSTEM, [], 0.1, 0.1), own)
-    found = places.with_signals(own, modes).signals
-    assert {name: found[name] for name in own.signals} == own.signals
-    assert found["p_line_6_7_"].channel == "active_power"
-    again = places.with_signals(places.with_signals(own, modes), modes)
-    assert list(again.signals) == list(found)
+    system_read = read_system(SYSTEM, sets)
+    modes, _ = design.listed_modes(design.Task(SYSTEM, [], 0.1, 0.1), system_read)
+    signals = places.with_signals(system_read, modes).signals
+    assert {name: signals[name] for name in system_read.signals} == system_read.signals
+    assert signals["p_line_6_7_"].channel == "active_power"
+    again = places.with_signals(places.with_signals(system_read, modes), modes)
+    assert list(again.signals) == list(signals)

@@ -60,21 +60,21 @@ def test_ensemble_draws_start_from_distinct_equilibria(name: str) -> None:
 def test_ensemble_holds_the_scenario_that_it_is_named_after(name: str) -> None:
     """Each number of its events and each dispatched power lies within what is drawn; the kinds are the same."""
     system, _, scenario = name.removeprefix("ensemble_").rpartition("_")
-    own, (_, cases) = load_case(None, [f"system={system}", f"scenario={scenario}"]), drawn(name)
-    assert all(case.duration == own.duration and len(case.run.controllers) == 1 for case in cases)
-    for i, event in enumerate(own.scenario.events):
+    nominal, (_, cases) = load_case(None, [f"system={system}", f"scenario={scenario}"]), drawn(name)
+    assert all(case.duration == nominal.duration and len(case.run.controllers) == 1 for case in cases)
+    for i, event in enumerate(nominal.scenario.events):
         for field, value in event.model_dump().items():
-            found = [case.scenario.events[i].model_dump()[field] for case in cases]
+            field_values = [case.scenario.events[i].model_dump()[field] for case in cases]
             if not isinstance(value, float):
-                assert set(found) == {value}
-            elif len(set(found)) > 1 and field != "location":  # places are drawn along a whole line
-                assert min(found) < value < max(found)
-            elif len(set(found)) == 1:
-                assert found[0] == value
-    for m, power in enumerate(one.P for one in own.system.machines):
+                assert set(field_values) == {value}
+            elif len(set(field_values)) > 1 and field != "location":  # places are drawn along a whole line
+                assert min(field_values) < value < max(field_values)
+            elif len(set(field_values)) == 1:
+                assert field_values[0] == value
+    for m, power in enumerate(machine.P for machine in nominal.system.machines):
         if power is not None:
-            found = [float(case.system.machines[m].P or 0.0) for case in cases]
-            assert min(found) < power <= 1.001 * max(found)
+            powers = [float(case.system.machines[m].P or 0.0) for case in cases]
+            assert min(powers) < power <= 1.001 * max(powers)
 
 
 @pytest.mark.parametrize("link", ["ideal", "delay_100ms", "pdci_100ms"])
@@ -95,8 +95,8 @@ def test_noise_is_behind_any_link(name: str, link: str) -> None:
 def test_row_names_the_link_that_noise_was_put_behind() -> None:
     plan = sweep.plan("ensemble_two_area_small", ["link=pdci_100ms", "duration=2"])
     row = one_run(plan.base, sweep._tasks(plan, {})[0])[1]
-    told = [row.cells[name] for name in ("link", "scenario", "controller", "error")]
-    assert told == ["pdci_100ms", "small", "LLC", None]
+    cells = [row.cells[name] for name in ("link", "scenario", "controller", "error")]
+    assert cells == ["pdci_100ms", "small", "LLC", None]
 
 
 def test_measured_speeds_are_noisy_for_controllers_alone() -> None:
@@ -106,5 +106,5 @@ def test_measured_speeds_are_noisy_for_controllers_alone() -> None:
     assert noisy.frames.tobytes() == plain.frames.tobytes()
     error = (noisy.delivered["values"] - plain.delivered["values"])[plain.delivered["pmu"] < 4]  # at machines
     assert np.flatnonzero(np.nan_to_num(error).any(axis=0)).tolist() == [list(CHANNELS).index("speed_deviation")]
-    own = error[:, list(CHANNELS).index("speed_deviation")]
-    assert own.std() == pytest.approx(1e-5, rel=4.0 / np.sqrt(2.0 * len(own)))
+    speed_error = error[:, list(CHANNELS).index("speed_deviation")]
+    assert speed_error.std() == pytest.approx(1e-5, rel=4.0 / np.sqrt(2.0 * len(speed_error)))

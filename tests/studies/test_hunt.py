@@ -73,14 +73,14 @@ def hunted(seed: int, cases: int) -> NDArray[np.float64]:
 
 
 def test_hunt_comes_twice_as_near_to_the_worst_as_as_many_random_points() -> None:
-    found, drawn = [], []
+    hunted_ends, drawn = [], []
     for seed in range(6):
         points = hunted(seed, 300)
         assert 0.0 <= points.min() <= points.max() < 1.0
-        found.append(min(toy(at) for at in points))
+        hunted_ends.append(min(toy(at) for at in points))
         drawn.append(min(toy(at) for at in np.random.default_rng(seed + 100).random((300, SIZE))))
-    assert max(found) < 0.0
-    assert 2.0 * (np.median(found) - WORST) < np.median(drawn) - WORST
+    assert max(hunted_ends) < 0.0
+    assert 2.0 * (np.median(hunted_ends) - WORST) < np.median(drawn) - WORST
 
 
 def test_parents_of_other_base_runs_are_kept_beside_the_best() -> None:
@@ -102,8 +102,8 @@ def test_given_numbers_choose_as_often_as_a_generator() -> None:
     """Over equally spaced numbers: the same fractions, with the first and last choice at the ends."""
     names, p = ["a", "b", "c"], np.array([0.2, 0.5, 0.3])
     grid = ((np.arange(1000) + 0.5) / 1000).tolist()
-    found, whole = (Numbers(grid), Numbers(grid))
-    chosen = [found.choice(names, p) for _ in grid]
+    ends_only, whole = (Numbers(grid), Numbers(grid))
+    chosen = [ends_only.choice(names, p) for _ in grid]
     assert [chosen.count(name) for name in names] == [200, 500, 300]
     assert np.bincount([whole.integers(4) for _ in grid]).tolist() == [250] * 4
     assert Numbers([0.25]).uniform(2.0, 4.0) == 2.5
@@ -128,25 +128,25 @@ def test_shrunk_case_still_violates_and_no_worse() -> None:
 @pytest.mark.parametrize("fault", [name for name in FAULTS if name not in ONLY_REAL])
 def test_campaign_fault_of_the_mildest_size_makes_a_case(turned: Path, fault: str) -> None:
     """Also where the mildest of its stages takes more numbers than the one that was found."""
-    made, mild = campaign.plan(str(turned)), FAULTS[fault].mild
+    plan, mild = campaign.plan(str(turned)), FAULTS[fault].mild
     choice = campaign.Choice("two_area", {}, fault, 1.0, 0.5, None)
     for sizes in ([mild], [0.99, mild], [mild, 0.99]):
-        drawn = hunt.draw_of(made, ShrunkRow("shrunk", 0, choice._asdict(), sizes, 0.0, 0))
-        assert campaign.case_of(made, drawn).run.seed == 0
-        assert fault in hunt_pages.words(made, drawn) or fault == "none"
+        drawn = hunt.draw_of(plan, ShrunkRow("shrunk", 0, choice._asdict(), sizes, 0.0, 0))
+        assert campaign.case_of(plan, drawn).run.seed == 0
+        assert fault in hunt_pages.words(plan, drawn) or fault == "none"
 
 
-def told(arguments: list[str], folder: Path) -> dict[str, Any]:
+def hunt_document(arguments: list[str], folder: Path) -> dict[str, Any]:
     assert main(["campaign", *arguments, "--out", str(folder), "--jobs", "1", "--json", str(folder.parent / "t")]) == 0
-    found: dict[str, Any] = json.loads((folder.parent / "t").read_text())
-    return found
+    document: dict[str, Any] = json.loads((folder.parent / "t").read_text())
+    return document
 
 
 def test_hunt_writes_a_page_and_run_files_that_violate_and_goes_on(turned: Path, tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    found = told([str(turned), "--hunt", "0.001"], folder)
-    assert found["cases"] % 14 == 0 < found["cases"]
-    rules = {one["rule"]: one for one in found["rules"]}
+    document = hunt_document([str(turned), "--hunt", "0.001"], folder)
+    assert document["cases"] % 14 == 0 < document["cases"]
+    rules = {row["rule"]: row for row in document["rules"]}
     assert set(rules) == set(invariants.INVARIANTS)
     text = (folder / "hunt.md").read_text()
     assert all(line in text for line in hunt_pages.rules_table([], markdown=True))
@@ -157,7 +157,7 @@ def test_hunt_writes_a_page_and_run_files_that_violate_and_goes_on(turned: Path,
     worst, mildest = (invariants.harm(loop.run(case), free) or 0.0 for case in cases)
     assert mildest == pytest.approx(harm["margin"])
     assert worst <= mildest < 0.0
-    assert told([str(turned), "--hunt", "0.001"], folder) == found  # nothing is left to do
+    assert hunt_document([str(turned), "--hunt", "0.001"], folder) == document  # nothing is left to do
 
 
 def test_hunt_keeps_its_cases_after_an_interrupt(
@@ -165,10 +165,10 @@ def test_hunt_keeps_its_cases_after_an_interrupt(
 ) -> None:
     evaluate, asked = hunt.evaluate, iter(range(10))
 
-    def interrupted(*given: Any) -> tuple[str, HuntRow]:
+    def interrupted(*positional: Any) -> tuple[str, HuntRow]:
         if next(asked) == 5:
             raise KeyboardInterrupt
-        return evaluate(*given)
+        return evaluate(*positional)
 
     monkeypatch.setattr(hunt, "evaluate", interrupted)
     folder = tmp_path / "out"

@@ -36,8 +36,8 @@ def sound() -> tuple[Case, Record]:
 
 def trip_tick(record: Record) -> int | None:
     """The first tick in which the controller is tripped."""
-    told = record.supervision
-    return min(told["tick"][told["state"] == TRIPPED].tolist(), default=None)
+    statuses = record.supervision
+    return min(statuses["tick"][statuses["state"] == TRIPPED].tolist(), default=None)
 
 
 def says(case: Case, record: Record) -> dict[str, bool]:
@@ -50,7 +50,7 @@ def says(case: Case, record: Record) -> dict[str, bool]:
     allowed = 0.1 + device.setpoint_max / case.run.watchdog.release_rate + 2.0 / rate
     since = [(t - max((at for at in accepted if at <= t), default=t)) / 1e9 for t in record.time_ns.tolist()]
     ramped = 0.0 if trip is None else trip / rate + 0.1
-    told = record.supervision
+    statuses = record.supervision
     return {
         "within_limits": all(abs(u) <= device.setpoint_max + TOLERANCE for u in [*passed["value"], *reference])
         and all(abs(b - a) - device.rate_max * (t - s) <= TOLERANCE for a, b, s, t in pairs),
@@ -58,19 +58,19 @@ def says(case: Case, record: Record) -> dict[str, bool]:
         "zero_after_trip": trip is None
         or not (
             any(v != 0.0 and at > ramped * 1e9 + 2e9 / rate for v, at in passed[["value", "issued_ns"]].tolist())
-            or any(s in (ARMED, FALLBACK) and k >= trip for s, k in told[["state", "tick"]].tolist())
+            or any(s in (ARMED, FALLBACK) and k >= trip for s, k in statuses[["state", "tick"]].tolist())
         ),
         "device_at_zero": trip is None
         or not any(t > ramped + SETTLED_S and abs(u) > TOLERANCE for t, u in zip(time_s, reference, strict=True)),
-        "cause_recorded": not any(s == TRIPPED and c < 0 for s, c in told[["state", "cause"]].tolist()),
+        "cause_recorded": not any(s == TRIPPED and c < 0 for s, c in statuses[["state", "cause"]].tolist()),
     }
 
 
 def test_invariants_hold_for_a_controller_that_is_tripped_in_time() -> None:
     case, record = sound()
     assert trip_tick(record) is not None
-    found = invariants.alone(case, record)
-    assert found == says(case, record) == dict.fromkeys(invariants.ALONE, True)
+    holds = invariants.alone(case, record)
+    assert holds == says(case, record) == dict.fromkeys(invariants.ALONE, True)
 
 
 edits = st.tuples(
@@ -89,7 +89,7 @@ edits = st.tuples(
 @given(st.lists(edits, min_size=1, max_size=3))
 def test_margin_is_below_zero_where_what_must_hold_does_not(changes: list[tuple[str, int, float]]) -> None:
     case, record = sound()
-    told, passed, devices = (np.copy(part) for part in (record.supervision, record.supervised, record.devices))
+    statuses, passed, devices = (np.copy(part) for part in (record.supervision, record.supervised, record.devices))
     applied = record.applied
     for what, tick, value in changes:
         match what:
@@ -98,12 +98,12 @@ def test_margin_is_below_zero_where_what_must_hold_does_not(changes: list[tuple[
             case "passed":
                 passed["value"][passed["tick"] == tick] = value
             case "cause":
-                told["cause"][told["tick"] == tick] = -1
+                statuses["cause"][statuses["tick"] == tick] = -1
             case "state":
-                told["state"][told["tick"] == tick] = ARMED
+                statuses["state"][statuses["tick"] == tick] = ARMED
             case "cut":
                 applied = applied[applied["tick"] < tick]
-    changed = replace(record, supervision=told, supervised=passed, devices=devices, applied=applied)
+    changed = replace(record, supervision=statuses, supervised=passed, devices=devices, applied=applied)
     margins: dict[str, Any] = {name: rule.margin(case, changed) for name, rule in invariants.ALONE.items()}
     assert {name: margin >= 0.0 for name, margin in margins.items()} == says(case, changed)
     assert invariants.alone(case, changed) == says(case, changed)
@@ -119,12 +119,12 @@ def test_harm_is_an_index_above_that_without_control_or_a_lost_synchronism(
     machines["speed_deviation"] *= factor
     if lost is not None:
         sizes[lost:] = False
-    own = replace(free, machines=machines, in_synchronism=sizes)
+    changed = replace(free, machines=machines, in_synchronism=sizes)
     if free_lost:
         free = replace(free, in_synchronism=np.arange(240) < 239)
-    found, index = invariants.beside(own, free), itae(own)
-    kept, harmless = lost is None, index is not None and index <= HARM * (itae(free) or 0.0)
-    assert found.keeps_synchronism == (None if free_lost else kept)
-    assert found.does_no_harm == (None if free_lost else harmless)
+    figures, index = invariants.beside(changed, free), itae(changed)
+    keeps, harmless = lost is None, index is not None and index <= HARM * (itae(free) or 0.0)
+    assert figures.keeps_synchronism == (None if free_lost else keeps)
+    assert figures.does_no_harm == (None if free_lost else harmless)
     for name, rule in invariants.BESIDE.items():
-        assert found.invariants[name] == invariants.holds(rule.margin(own, free))
+        assert figures.invariants[name] == invariants.holds(rule.margin(changed, free))

@@ -28,22 +28,22 @@ BOTH = "devices=[sssc, statcom]"
 def test_true_jacobian_at_the_start_is_the_linear_plants(frames: int) -> None:
     """The nonlinear plant, moved and followed, against the matrix exponential; behind washouts."""
     names, devices = ["speed", "power", "voltage", "angle"], ["sssc", "statcom"]
-    own = [BOTH, f"controllers.0.devices={devices}", f"controllers.0.signals={names}", "duration=1"]
-    case = load_case(None, [*own, "controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "scenario=[]"])
+    sets = [BOTH, f"controllers.0.devices={devices}", f"controllers.0.signals={names}", "duration=1"]
+    case = load_case(None, [*sets, "controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "scenario=[]"])
     plant = residues(build_plant(case), case.system, devices, 60)
     assert plant is not None
-    found, expected = Respondent(case, loop.run(case)).jacobian(3, frames), plant.response(names, devices, frames)
-    np.testing.assert_allclose(found, expected, rtol=0.02, atol=0.002 * np.abs(expected).max(axis=1).min())
+    jacobian, expected = Respondent(case, loop.run(case)).jacobian(3, frames), plant.response(names, devices, frames)
+    np.testing.assert_allclose(jacobian, expected, rtol=0.02, atol=0.002 * np.abs(expected).max(axis=1).min())
 
 
 def test_figures_of_an_identifier_that_knows_are_those_of_one_that_knows() -> None:
     sets = ["scenario=small", "controllers.0.name=ANFTSC", "controllers.0.parameters.identifier_eta=0", "duration=2"]
     case = load_case("two_area_centralised", [*sets, "link=ideal"])
-    found = follow(case, loop.run(case), 10)
-    known = compared(found._replace(estimate=found.true))
+    followed = follow(case, loop.run(case), 10)
+    known = compared(followed._replace(estimate=followed.true))
     assert np.all(known["error"] == 0)
     assert np.all(known["right_sign"] == 1)
-    wrong = compared(found._replace(estimate=-found.true))
+    wrong = compared(followed._replace(estimate=-followed.true))
     assert np.all(wrong["right_sign"] == 0)
     assert np.all(wrong["error"] > 1.5)
 

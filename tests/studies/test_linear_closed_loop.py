@@ -164,10 +164,10 @@ def test_controllers_are_the_bilinear_transform_of_their_transfer_function(
     (c,) = delayed_loop(load_case(None, [f"controllers.0.signals=[{signal}]", f"frame_rate={rate}"])).controllers
     for hertz in (0.05, 0.63, 1.2, 5.0):
         z = np.exp(2j * np.pi * hertz / rate)
-        found = c.C @ np.linalg.solve(z * np.eye(len(c.A)) - c.A, c.B) + c.D
+        gain_found = c.C @ np.linalg.solve(z * np.eye(len(c.A)) - c.A, c.B) + c.D
         s = 2 * rate * (z - 1) / (z + 1)
         expected = lead_lag(s) * (1.0 if washout is None else s * washout / (1 + s * washout))
-        assert found[0, 0] == pytest.approx(expected, rel=1e-6)
+        assert gain_found[0, 0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_linearised_loop_is_the_same_when_built_twice() -> None:
@@ -228,15 +228,15 @@ def random_loop(states: int, lag: float, seed: int) -> DelayedLoop:
         0.3 * rng.normal(size=(2, 2)),
         np.zeros(2),
     )
-    made = []
+    controllers = []
     for i in range(2):
         (num, den), dt = rng.normal(size=(2, 2)), 1 / 20
         A, B, C, D, _ = cont2discrete(
             (np.array([[-abs(den[0])]]), np.array([[1.0]]), np.array([[num[0]]]), np.array([[num[1]]])), dt, "bilinear"
         )
-        made.append(Discrete(A, B, C, D, [1 - i], [i], i * lag))
+        controllers.append(Discrete(A, B, C, D, [1 - i], [i], i * lag))
     names = [f"x{i}" for i in range(states)] + ["z0", "z1"]
-    return DelayedLoop(model, made, 20, names, np.zeros((states, 0)), halvings(model.A, model.B, 1 / 20))
+    return DelayedLoop(model, controllers, 20, names, np.zeros((states, 0)), halvings(model.A, model.B, 1 / 20))
 
 
 def by_events(linear: DelayedLoop, delays: Sequence[float], x: NDArray[np.float64], ticks: int) -> NDArray[np.float64]:
@@ -286,9 +286,9 @@ def test_pade_terms_without_delay_are_one() -> None:
 def test_pade_loops_near_the_sampled_ones(which: str) -> None:
     """Order 6, the hold as half a frame, at 100 ms: growth to 2e-3 1/s."""
     linear = linear_of(which)
-    one = eigen(linear, sampled(linear, 0.1)).growth
+    growth = eigen(linear, sampled(linear, 0.1)).growth
     other = eigen(linear, approximate(linear, 0.1, 6, FRAME / 2), discrete=False).growth
-    assert one == pytest.approx(other, abs=2e-3)
+    assert growth == pytest.approx(other, abs=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -316,21 +316,21 @@ def test_motions_that_nothing_answers_are_left_out(sets: list[str], count: int) 
     """And nothing else: the plant's other eigenvalues stay, with a controller that gives nothing."""
     linear = delayed_loop(load_case(None, ["scenario=[]", "duration=1", "controllers.0.parameters.gain=0", *sets]))
     assert linear.rigid.shape[1] == count
-    found = eigen(linear, sampled(linear, 0.05)).values
+    eigenvalues = eigen(linear, sampled(linear, 0.05)).values
     plant = np.linalg.eigvals(linear.model.A)
     away = plant[np.argsort(np.abs(plant))[count:]]
     slow = away[away.real > -20]
     assert len(slow) > 5
     for value in slow:
-        assert np.abs(found - value).min() < 1e-5 * (1 + abs(value))
-    assert len(found) == len(eigen(linear, sampled(linear, 0.05)).right.T)
+        assert np.abs(eigenvalues - value).min() < 1e-5 * (1 + abs(value))
+    assert len(eigenvalues) == len(eigen(linear, sampled(linear, 0.05)).right.T)
 
 
 def test_events_of_the_scenario_do_not_count() -> None:
     """Also one at the very start, after which the loop is not at rest."""
     out = "scenario=[{time: 0.0, kind: line_out, line: line_1}]"
-    one, other = (delayed_loop(load_case(None, [row, "duration=1"])) for row in ("scenario=[]", out))
-    np.testing.assert_array_equal(sampled(one, 0.1), sampled(other, 0.1))
+    at_rest, other = (delayed_loop(load_case(None, [row, "duration=1"])) for row in ("scenario=[]", out))
+    np.testing.assert_array_equal(sampled(at_rest, 0.1), sampled(other, 0.1))
 
 
 def test_links_keep_how_much_longer_they_are() -> None:
@@ -363,8 +363,8 @@ def test_supervisors_and_fallbacks_have_no_part_in_the_linear_loop() -> None:
     guarded = load_case("two_area_small", ["link=delay_100ms", "supervision=standard", "arm_at=1", reserve])
     assert len(guarded.controllers) == len(guarded.links) == 2
     expected = eigen(delayed_loop(plain), sampled(delayed_loop(plain), 0.1))
-    found = eigen(delayed_loop(guarded), sampled(delayed_loop(guarded), 0.1))
-    assert found.values.tobytes() == expected.values.tobytes()
+    spectrum = eigen(delayed_loop(guarded), sampled(delayed_loop(guarded), 0.1))
+    assert spectrum.values.tobytes() == expected.values.tobytes()
     left = unsupervised(guarded)
     assert (link_delays(left), left.run.supervision, left.supervision, left.run.arm_at) == (
         link_delays(plain),

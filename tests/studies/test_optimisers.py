@@ -47,8 +47,8 @@ def search(method: str, seed: int, generations: int) -> tuple[Bowl, Found]:
 @every_method
 @pytest.mark.parametrize("seed", range(3))
 def test_least_is_found(method: str, seed: int) -> None:
-    bowl, found = search(method, seed, 120)
-    np.testing.assert_allclose(found.best, bowl.minimum, atol=1e-3)
+    bowl, optimum = search(method, seed, 120)
+    np.testing.assert_allclose(optimum.best, bowl.minimum, atol=1e-3)
 
 
 @every_method
@@ -57,14 +57,14 @@ def test_least_is_found(method: str, seed: int) -> None:
 def test_optimiser_spends_its_budget_in_the_cube_and_hands_on_its_best(
     method: str, seed: int, generations: int
 ) -> None:
-    bowl, found = search(method, seed, generations)
+    bowl, optimum = search(method, seed, generations)
     assert len(bowl.asked) == generations * POINTS
     assert 0.0 <= np.min(bowl.asked) <= np.max(bowl.asked) <= 1.0
     assert bowl.asked[:POINTS] == [tuple(at) for at in start(seed)]
-    assert tuple(found.best) == bowl.asked[int(np.argmin(bowl.told))]
-    assert found.value == min(bowl.told)
-    assert found.population.shape == (POINTS, SIZE)
-    assert {tuple(found.best)} <= {tuple(at) for at in found.population} <= set(bowl.asked)
+    assert tuple(optimum.best) == bowl.asked[int(np.argmin(bowl.told))]
+    assert optimum.value == min(bowl.told)
+    assert optimum.population.shape == (POINTS, SIZE)
+    assert {tuple(optimum.best)} <= {tuple(at) for at in optimum.population} <= set(bowl.asked)
 
 
 @every_method
@@ -80,5 +80,5 @@ def test_search_is_one_of_its_seed_whatever_was_drawn_before(method: str) -> Non
 @every_method
 def test_optimiser_goes_on_from_identical_start_points(method: str) -> None:
     bowl = Bowl(3)
-    found = METHODS[method](bowl, np.full((POINTS, SIZE), 0.5), 3, np.random.default_rng(3))
-    assert bowl(found.best) <= bowl(np.full(SIZE, 0.5))
+    optimum = METHODS[method](bowl, np.full((POINTS, SIZE), 0.5), 3, np.random.default_rng(3))
+    assert bowl(optimum.best) <= bowl(np.full(SIZE, 0.5))

@@ -21,9 +21,9 @@ def margin(
 
 
 MARGINS = [
-    margin(criterion, scenario, link, controller, base + own)
+    margin(criterion, scenario, link, controller, base + more)
     for scenario, base in (("small", 0.5), ("large", 0.3))
-    for link, own in (("fibre", 0.1), ("plc", 0.0))
+    for link, more in (("fibre", 0.1), ("plc", 0.0))
     for controller, criterion in (("A", "unstable"), ("A", "not_damped"), ("B", "unstable"), ("B", "not_damped"))
 ]
 
@@ -37,18 +37,18 @@ def blocks(lines: list[str]) -> list[list[str]]:
 
 
 def test_scenarios_stand_side_by_side_unless_another_column_does() -> None:
-    found = blocks(margin_table(MARGINS, "scenario"))
-    assert [title for title, *_ in found] == ["unstable, delay_s, horizon 20", "not_damped, delay_s, horizon 20"]
-    assert found[0][1] == "| link | controller | small [low, high] | large [low, high] |"
-    assert len(found[0]) == 2 + 4
+    tables = blocks(margin_table(MARGINS, "scenario"))
+    assert [title for title, *_ in tables] == ["unstable, delay_s, horizon 20", "not_damped, delay_s, horizon 20"]
+    assert tables[0][1] == "| link | controller | small [low, high] | large [low, high] |"
+    assert len(tables[0]) == 2 + 4
 
-    found = blocks(margin_table(MARGINS, "link"))
-    assert [title for title, *_ in found] == [
+    tables = blocks(margin_table(MARGINS, "link"))
+    assert [title for title, *_ in tables] == [
         f"{criterion}, {scenario}, delay_s, horizon 20"
         for criterion in ("unstable", "not_damped")
         for scenario in ("small", "large")
     ]
-    assert found[1][1:] == [
+    assert tables[1][1:] == [
         "| controller | fibre [low, high] | plc [low, high] |",
         "| A | 0.400 [0.39, 0.41] | 0.300 [0.29, 0.31] |",
         "| B | 0.400 [0.39, 0.41] | 0.300 [0.29, 0.31] |",

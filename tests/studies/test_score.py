@@ -57,13 +57,15 @@ def test_version_of_a_set_never_changes(name: str, digest: str) -> None:
 
 @pytest.mark.parametrize("name", FROZEN)
 def test_cases_of_a_score_set_can_be_made(name: str) -> None:
-    found = read_set(name)
-    kinds = {found.content.cases[i].kind for i in range(len(found.content.cases)) if case_of(found, (), i).ticks}
-    assert kinds == set(found.content.kinds)
+    case_set = read_set(name)
+    kinds = {
+        case_set.content.cases[i].kind for i in range(len(case_set.content.cases)) if case_of(case_set, (), i).ticks
+    }
+    assert kinds == set(case_set.content.kinds)
 
 
 def test_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cases: str, tmp_path: Path) -> None:
-    nothing, wrong, right = (fd.score(one, cases, ["LLC"], jobs=1) for one in (Nothing, WrongSign, "LLC"))
+    nothing, wrong, right = (fd.score(candidate, cases, ["LLC"], jobs=1) for candidate in (Nothing, WrongSign, "LLC"))
     assert nothing.value == pytest.approx(0.0, abs=0.1)
     assert wrong.value < right.value
     assert right.content["change"]["percent"] < -10.0 < 10.0 < wrong.content["change"]["percent"]
@@ -80,13 +82,13 @@ def test_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cas
 def test_card_is_the_same_on_any_number_of_cores_and_from_the_command(
     cases: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    one = fd.score("LLC-tuned", cases, hunt=4, jobs=1)
-    given = ["score", "LLC-tuned", "--cases", cases, "--jobs", "2", "--json", str(tmp_path / "told.json")]
-    assert main([*given, "--out", str(tmp_path), "--hunt", "4"]) == 0
-    told = json.loads((tmp_path / "told.json").read_text())
-    assert json.loads((tmp_path / "card.json").read_text()) == told
-    assert told == one.content
-    hunted = told["worst"]
+    result = fd.score("LLC-tuned", cases, hunt=4, jobs=1)
+    command = ["score", "LLC-tuned", "--cases", cases, "--jobs", "2", "--json", str(tmp_path / "told.json")]
+    assert main([*command, "--out", str(tmp_path), "--hunt", "4"]) == 0
+    document = json.loads((tmp_path / "told.json").read_text())
+    assert json.loads((tmp_path / "card.json").read_text()) == document
+    assert document == result.content
+    hunted = document["worst"]
     case_set = read_set(cases)
     (cases_hunted, again) = worst(case_set, case_set.content.controllers["LLC-tuned"], 4)
     assert again is not None
@@ -95,32 +97,32 @@ def test_card_is_the_same_on_any_number_of_cores_and_from_the_command(
     assert "ITAE in the worst hunted case" in capsys.readouterr().out
     assert (tmp_path / "card.png").read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "card.md").read_text()
-    assert f"score {one.value:.1f}" in page
-    assert one.content["set_digest"] in page
+    assert f"score {result.value:.1f}" in page
+    assert result.content["set_digest"] in page
 
 
 def test_devices_that_a_set_adds_are_commanded(cases: str) -> None:
     """Of every kind that two_area lacks, together; the law of each is designed on the grid with them."""
-    found = read_set(cases)
+    case_set = read_set(cases)
     names = [row["name"] for row in ACTUATORS]
-    run = {**found.content.run, "devices": names}
-    fields = {**found.content.set, **{f"system.devices.{2 + i}": row for i, row in enumerate(ACTUATORS)}}
-    found = found._replace(content=found.content.model_copy(update={"run": run, "set": fields}))
-    case = case_of(found, [{"name": "LQG", "devices": [name], "signals": ["frequency"]} for name in names], 0)
-    own, free = (measure(one, 8.0).measure for one in (case, case_of(found, (), 0)))
-    assert own is not None
+    run = {**case_set.content.run, "devices": names}
+    fields = {**case_set.content.set, **{f"system.devices.{2 + i}": row for i, row in enumerate(ACTUATORS)}}
+    case_set = case_set._replace(content=case_set.content.model_copy(update={"run": run, "set": fields}))
+    case = case_of(case_set, [{"name": "LQG", "devices": [name], "signals": ["frequency"]} for name in names], 0)
+    index, free = (measure(measured_case, 8.0).measure for measured_case in (case, case_of(case_set, (), 0)))
+    assert index is not None
     assert free is not None
-    assert own < 0.5 * free
+    assert index < 0.5 * free
 
 
-@pytest.mark.parametrize("given", ["LLLC", "missing.py:Damper", "two_area_free"])
-def test_score_of_an_unknown_controller_is_refused_before_any_run(given: str, cases: str) -> None:
+@pytest.mark.parametrize("controller", ["LLLC", "missing.py:Damper", "two_area_free"])
+def test_score_of_an_unknown_controller_is_refused_before_any_run(controller: str, cases: str) -> None:
     with pytest.raises(fd.InputError, match="allowed"):
-        fd.score(given, cases)
+        fd.score(controller, cases)
 
 
 @pytest.mark.parametrize(
-    ("command", "told"),
+    ("command", "message"),
     [
         (
             ["examples/lead_lag.py:Nope"],
@@ -132,19 +134,19 @@ def test_score_of_an_unknown_controller_is_refused_before_any_run(given: str, ca
     ],
 )
 def test_score_refuses_before_any_run(
-    command: list[str], told: str, cases: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: list[str], message: str, cases: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(card, "workers", None)
     monkeypatch.chdir(DATA.parents[1])
-    assert_one_line(2, ["score", *command, "--cases", cases], told, capsys)
+    assert_one_line(2, ["score", *command, "--cases", cases], message, capsys)
 
 
 def test_lost_synchronism_counts_as_ten_times_and_as_nothing_where_both_lose_it() -> None:
     sound, twice, lost = Measured(1.0, 0.1, None, 0, 0, False), Measured(2.0, 0.1, None, 0, 0, False), Measured(
         None, None, 5.0, 0, 0, False
     )  # fmt: skip
-    found = logs([twice, lost, sound, lost], [sound, sound, lost, lost])
-    np.testing.assert_allclose(found, [np.log(2.0), LOST, -LOST, 0.0])
+    log_ratios = logs([twice, lost, sound, lost], [sound, sound, lost, lost])
+    np.testing.assert_allclose(log_ratios, [np.log(2.0), LOST, -LOST, 0.0])
 
 
 def test_mean_is_over_kinds_and_its_interval_holds_the_truth() -> None:
@@ -153,6 +155,6 @@ def test_mean_is_over_kinds_and_its_interval_holds_the_truth() -> None:
     held = 0
     for _ in range(200):
         values = np.concatenate([random.normal(-0.5, 0.2, 30), random.normal(0.1, 0.2, 10)])
-        found = estimate(values, kinds)
-        held += found.low <= 100.0 * (np.exp(-0.2) - 1.0) <= found.high
+        interval = estimate(values, kinds)
+        held += interval.low <= 100.0 * (np.exp(-0.2) - 1.0) <= interval.high
     assert 0.88 <= held / 200 <= 0.99

@@ -94,14 +94,14 @@ def few_points(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_llc_tuned_is_as_good_as_itself(nominal: list[Draw]) -> None:
-    found = score(Controller(name=REFERENCE), nominal)
-    assert found == Score(0.0, dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE"), 1.0), 0.0)
+    scored = score(Controller(name=REFERENCE), nominal)
+    assert scored == Score(0.0, dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE"), 1.0), 0.0)
 
 
 def test_without_control_all_is_worse(nominal: list[Draw]) -> None:
-    found = score(Controller(name="LLC", parameters={"gain": 0.0}), nominal)
-    assert found.value > 0.3
-    assert min(found.ratios.values()) > 1.0
+    scored = score(Controller(name="LLC", parameters={"gain": 0.0}), nominal)
+    assert scored.value > 0.3
+    assert min(scored.ratios.values()) > 1.0
 
 
 @pytest.mark.usefixtures("each_run_once")
@@ -109,28 +109,37 @@ def test_score_is_the_worst_index_and_the_price_of_what_effort_is_more(nominal: 
     weak = Controller(name="LLC", parameters={"gain": 1.0})
     strong = Controller(name="LLC", parameters={"gain": 1000.0})
     for controller, dearer in ((weak, False), (strong, True)):
-        told = [scoring.run(draw.content, controller) for draw in nominal]
-        spent = np.mean([one.effort - draw.reference.effort for one, draw in zip(told, nominal, strict=True)])
+        figures = [scoring.run(draw.content, controller) for draw in nominal]
+        spent = np.mean(
+            [
+                figures_of_draw.effort - draw.reference.effort
+                for figures_of_draw, draw in zip(figures, nominal, strict=True)
+            ]
+        )
         assert (spent > 0.0) == dearer
-        found = score(controller, nominal)
-        worst = max(np.log(ratio) for ratio in found.ratios.values())
-        priced = scoring.PRICE * max(0.0, float(spent)) + scoring.UNDAMPED * found.undamped
-        assert found.value == pytest.approx(worst + priced)
+        scored = score(controller, nominal)
+        worst = max(np.log(ratio) for ratio in scored.ratios.values())
+        priced = scoring.PRICE * max(0.0, float(spent)) + scoring.UNDAMPED * scored.undamped
+        assert scored.value == pytest.approx(worst + priced)
 
 
 @pytest.mark.usefixtures("each_run_once")
 @pytest.mark.parametrize(("worst", "counted"), [(1, 1), (33, 1), (34, 2), (100, 3)])
 def test_of_the_worst_draws_of_each_index_the_mean_counts(worst: int, counted: int, nominal: list[Draw]) -> None:
     weak = Controller(name="LLC", parameters={"gain": 1.0})
-    told = [scoring.run(draw.content, weak).indices for draw in nominal]
+    indices = [scoring.run(draw.content, weak).indices for draw in nominal]
     each = [
-        [np.log(one[i] / draw.reference.indices[i]) for one, draw in zip(told, nominal, strict=True)] for i in INDICES
+        [
+            np.log(indices_of_draw[i] / draw.reference.indices[i])
+            for indices_of_draw, draw in zip(indices, nominal, strict=True)
+        ]
+        for i in INDICES
     ]
-    assert len({round(one, 6) for one in each[0]}) == len(nominal)  # so that it matters which are counted
-    found, every = score(weak, nominal, worst), score(weak, nominal)
+    assert len({round(number, 6) for number in each[0]}) == len(nominal)  # so that it matters which are counted
+    scored, every = score(weak, nominal, worst), score(weak, nominal)
     more = every.value - max(np.log(ratio) for ratio in every.ratios.values())  # of effort and what is not damped
-    assert found.value - more == pytest.approx(max(np.mean(sorted(row, reverse=True)[:counted]) for row in each))
-    assert (found.ratios, found.undamped) == (every.ratios, every.undamped)
+    assert scored.value - more == pytest.approx(max(np.mean(sorted(row, reverse=True)[:counted]) for row in each))
+    assert (scored.ratios, scored.undamped) == (every.ratios, every.undamped)
 
 
 def test_groups_are_what_the_study_lists(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,45 +155,45 @@ def test_by_medians_the_largest_of_any_index_in_any_group_counts() -> None:
     groups: list[tuple[int, ...]] = [(), (1,), (2,), (1,), (2,), (1,)]
     against = [draw._replace(group=group) for draw, group in zip(draws("smib", None, 6), groups, strict=True)]
     weak = Controller(name="LLC", parameters={"gain": 50.0})
-    told = pd.DataFrame(
-        {"group": str(draw.group), "index": name, "log": np.log(one[name] / draw.reference.indices[name])}
+    table = pd.DataFrame(
+        {"group": str(draw.group), "index": name, "log": np.log(indices[name] / draw.reference.indices[name])}
         for draw in against
-        for one in [scoring.run(draw.content, weak).indices]
+        for indices in [scoring.run(draw.content, weak).indices]
         for name in INDICES
     )
-    medians = told.groupby(["group", "index"])["log"].median()
-    found, every = score(weak, against, medians=True), score(weak, against)
+    medians = table.groupby(["group", "index"])["log"].median()
+    scored, every = score(weak, against, medians=True), score(weak, against)
     more = every.value - max(np.log(ratio) for ratio in every.ratios.values())  # of effort and what is not damped
-    assert found.value - more == pytest.approx(medians.max())
-    assert medians.max() > told.groupby("index")["log"].mean().max() + 0.01  # so that it matters which counts
-    assert medians.max() < told["log"].max() - 0.01
-    assert (found.ratios, found.undamped) == (every.ratios, every.undamped)
+    assert scored.value - more == pytest.approx(medians.max())
+    assert medians.max() > table.groupby("index")["log"].mean().max() + 0.01  # so that it matters which counts
+    assert medians.max() < table["log"].max() - 0.01
+    assert (scored.ratios, scored.undamped) == (every.ratios, every.undamped)
 
 
 def test_lost_run_counts_more_than_any_other_and_the_earlier_the_more(nominal: list[Draw]) -> None:
-    found = [
+    values = [
         score(Controller(name="LLC", parameters={"gain": gain}), draws("two_area", None, 1)).value
         for gain in (-20.0, -50.0)
     ]
-    assert LOST < found[0] < found[1] < 2 * LOST
+    assert LOST < values[0] < values[1] < 2 * LOST
 
 
 # What is searched
 
 
 def test_structures_of_a_search_have_all_pairs_schemes_and_devices() -> None:
-    found = structures(load_system("two_area"), [], [])
-    assert len(found) == len(set(found)) == 2 * (1 + 2 * len(ANTECEDENTS) * len(CONSEQUENTS))
-    assert {one.devices for one in found} == {("sssc",), ("sssc", "statcom")}
-    assert {one.devices for one in structures(load_system("smib"), [], [])} == {("sssc",)}
+    all_structures = structures(load_system("two_area"), [], [])
+    assert len(all_structures) == len(set(all_structures)) == 2 * (1 + 2 * len(ANTECEDENTS) * len(CONSEQUENTS))
+    assert {structure.devices for structure in all_structures} == {("sssc",), ("sssc", "statcom")}
+    assert {structure.devices for structure in structures(load_system("smib"), [], [])} == {("sssc",)}
 
 
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
 def test_networks_of_one_scheme_alone_are_searched_beside_llc_tuned(scheme: Scheme) -> None:
     every = structures(load_system("two_area"), [], [])
-    found = structures(load_system("two_area"), [], [], scheme)
-    assert found == [one for one in every if one.scheme in (None, scheme)]
-    assert len(found) == 2 * (1 + len(ANTECEDENTS) * len(CONSEQUENTS))
+    selected = structures(load_system("two_area"), [], [], scheme)
+    assert selected == [structure for structure in every if structure.scheme in (None, scheme)]
+    assert len(selected) == 2 * (1 + len(ANTECEDENTS) * len(CONSEQUENTS))
 
 
 @pytest.mark.parametrize(
@@ -199,12 +208,12 @@ def test_chosen_parameters_are_within_their_allowed_ranges(name: str, scheme: Sc
     choice, random = Choice(Structure(name, scheme, devices), "two_area", CHOICES["free"]), np.random.default_rng(1)
     row, seen = kind(name), set()
     for at in [np.zeros(choice.size), np.ones(choice.size), *random.random((30, choice.size))]:
-        made = choice.controller(at)
-        seen.add(made.compensation)
-        for key, value in made.parameters.items():
+        proposed = choice.controller(at)
+        seen.add(proposed.compensation)
+        for key, value in proposed.parameters.items():
             p = row.parameters[key]
-            for one in value if isinstance(value, list) else [value]:
-                assert one in p.choices if p.choices else p.low <= float(str(one)) <= p.high, key
+            for number in value if isinstance(value, list) else [value]:
+                assert number in p.choices if p.choices else p.low <= float(str(number)) <= p.high, key
     assert seen == {"none", "lead", "phasor", *(["prediction"] if scheme == "indirect" else [])}
 
 
@@ -227,27 +236,29 @@ def test_parameters_have_the_place_that_they_came_from(name: str, scheme: Scheme
 def test_start_from_tuned_parameters_has_the_tuned_controller_among_its_points(scheme: Scheme) -> None:
     tuned = Controller.model_validate({"name": "ANFBsC", "scheme": scheme})
     same = Structure("b-spline+singleton", scheme, ("sssc",))
-    choice, one = Choice(same, "smib"), draws("smib", None, 1)
-    found = min(score(choice.controller(at), one).value for at in choice.starts("tuned"))
-    assert found <= score(tuned, one).value + 1e-4  # parameters have four digits
+    choice, against = Choice(same, "smib"), draws("smib", None, 1)
+    best = min(score(choice.controller(at), against).value for at in choice.starts("tuned"))
+    assert best <= score(tuned, against).value + 1e-4  # parameters have four digits
     task = SearchTask("smib", None, (), 1, 4, start="tuned")
-    assert study.climb(task, Rung(0, one, 1), Entry(same)).scores[0].value <= found
+    assert study.climb(task, Rung(0, against, 1), Entry(same)).scores[0].value <= best
 
 
 @pytest.mark.parametrize("name", BEST)
 def test_start_from_a_run_is_its_controller_guards_included(name: str) -> None:
     case = load_case(name)
-    own = case.run.controllers[0]
-    choice = Choice(Structure(own.name, own.scheme, tuple(own.devices)), case.system.name)
+    controller = case.run.controllers[0]
+    choice = Choice(Structure(controller.name, controller.scheme, tuple(controller.devices)), case.system.name)
     (at,) = choice.starts(name)
     again = choice.controller(at).parameters
-    assert_close(again, own.parameters)
+    assert_close(again, controller.parameters)
 
 
 def test_lead_lag_of_both_devices_may_be_started_from() -> None:
     """It takes fewer signals than the networks beside it."""
     every = structures(load_system("two_area"), [], ["sssc", "statcom"])
-    assert [one.name for one in every if started("lead_lag_two_area", "two_area", one)] == ["LLC-tuned"]
+    assert [structure.name for structure in every if started("lead_lag_two_area", "two_area", structure)] == [
+        "LLC-tuned"
+    ]
 
 
 def test_other_first_points_are_about_those_of_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -259,10 +270,10 @@ def test_other_first_points_are_about_those_of_the_start(monkeypatch: pytest.Mon
 
     monkeypatch.setitem(METHODS, "recorded", recorded)
     task = SearchTask("smib", None, (), 1, 4, start="best_smib", deviation=0.01, method="recorded")
-    one, network = draws("smib", None, 1), Structure("b-spline+morlet", "direct", ("sssc",))
+    against, network = draws("smib", None, 1), Structure("b-spline+morlet", "direct", ("sssc",))
     lead_lag = Structure(REFERENCE, None, ("sssc",))  # of which that run has none: from the hypercube
     for structure, about in ((network, task), (network, task._replace(deviation=None)), (lead_lag, task)):
-        study.climb(about, Rung(0, one, 1), Entry(structure))
+        study.climb(about, Rung(0, against, 1), Entry(structure))
     (at,) = Choice(network, "smib").starts("best_smib")
     for population in seen[:2]:
         np.testing.assert_array_equal(population[0], at)
@@ -283,8 +294,8 @@ def test_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.Monke
 
     def climb(_task: SearchTask, rung: Rung, entry: Entry) -> Entry:
         asked.append((rung.number, len(rung.draws), rung.generations))
-        made = Score(value(entry.structure, rung.number), {}, 0.0)
-        return entry._replace(controller=Controller(), scores=(*entry.scores, made))
+        rung_score = Score(value(entry.structure, rung.number), {}, 0.0)
+        return entry._replace(controller=Controller(), scores=(*entry.scores, rung_score))
 
     def judge(_task: SearchTask, against: Sequence[int], entry: Entry) -> Entry:
         last = GROWTH ** (maximum - 1)
@@ -296,16 +307,18 @@ def test_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.Monke
     monkeypatch.setattr(study, "draws", lambda _system, _link, number, *_: list(range(number)))
     every = structures(load_system("smib"), [], [])
     maximum = rungs(len(every))
-    found = search(SearchTask("smib", None, (), 9600, 1), [], 1, quiet)
-    assert {entry.structure for entry in found} == set(every)
-    left = [one for one in every if not one.is_reference]
+    entries = search(SearchTask("smib", None, (), 9600, 1), [], 1, quiet)
+    assert {entry.structure for entry in entries} == set(every)
+    left = [structure for structure in every if not structure.is_reference]
     assert [len(left) // KEPT**number for number in range(maximum)] == [64, 16, 4]
     for number in range(maximum):
-        there = {entry.structure for entry in found if len(entry.scores) > number and not entry.structure.is_reference}
+        there = {
+            entry.structure for entry in entries if len(entry.scores) > number and not entry.structure.is_reference
+        }
         assert there == set(left)
-        left = sorted(left, key=lambda one: value(one, number))[: len(left) // KEPT]
-    assert found[0].scores[-1].value == min(e.scores[-1].value for e in found if len(e.scores) == maximum + 1)
-    (opponent,) = [entry for entry in found if entry.structure.is_reference]
+        left = sorted(left, key=lambda structure: value(structure, number))[: len(left) // KEPT]
+    assert entries[0].scores[-1].value == min(e.scores[-1].value for e in entries if len(e.scores) == maximum + 1)
+    (opponent,) = [entry for entry in entries if entry.structure.is_reference]
     assert len(opponent.scores) == maximum + 1
     # An equal fraction of the budget a rung: 3200 runs of 65, 17 and 5 structures on 1, 2 and 4 draws, 16 a generation.
     assert sorted(set(asked)) == [(0, 1, 3), (1, 2, 6), (2, 4, 10)]
@@ -322,16 +335,21 @@ def test_search_that_keeps_all_gives_each_structure_the_same_budget(monkeypatch:
     monkeypatch.setattr(study, "judge", lambda _task, _against, e: e._replace(scores=(*e.scores, e.scores[-1])))
     monkeypatch.setattr(study, "draws", lambda _system, _link, number, *_: list(range(number)))
     task = SearchTask("two_area", None, ("sssc",), 57600, 1, cases=2, keep_all=True, compensation="some")
-    found = search(task._replace(profile="deployment"), ["gaussian+sam", "LQG", "ANFTSC"], 1, quiet)
+    entries = search(task._replace(profile="deployment"), ["gaussian+sam", "LQG", "ANFTSC"], 1, quiet)
     who = [("LLC-tuned", None), *product(["gaussian+sam", "ANFTSC"], ["direct", "indirect"])]  # LQG has none
-    assert Counter((entry.structure.name, entry.structure.scheme) for entry in found) == Counter(who)
+    assert Counter((entry.structure.name, entry.structure.scheme) for entry in entries) == Counter(who)
     rungs_of_all = [(0, 2, 120), (1, 4, 60), (2, 8, 30)]  # 3840 runs of each in each rung, 16 a generation
-    assert asked == Counter(one + rung for one in who for rung in rungs_of_all)
+    assert asked == Counter(who_structure + rung for who_structure in who for rung in rungs_of_all)
 
 
 def test_in_another_profile_signals_are_its_and_the_reference_may_be_no_control() -> None:
-    found = structures(load_system("two_area"), ["LQG"], [], None, "deployment")
-    assert [one.signals for one in found] == [["frequency"], ["frequency"], ["frequency"], ["frequency", "power"]]
+    profile_structures = structures(load_system("two_area"), ["LQG"], [], None, "deployment")
+    assert [structure.signals for structure in profile_structures] == [
+        ["frequency"],
+        ["frequency"],
+        ["frequency"],
+        ["frequency", "power"],
+    ]
     against = draws("two_area", None, 2, None, "deployment", "none")
     assert [draw.group for draw in against] == [("fault and trip, west",), ("mechanical power step",)]
     assert {draw.content["profile"] for draw in against} == {"deployment"}
@@ -343,17 +361,17 @@ def test_in_another_profile_signals_are_its_and_the_reference_may_be_no_control(
 @pytest.mark.usefixtures("few_points")
 def test_tuned_file_of_a_search_is_taken_by_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "tuned.yaml"
-    given = ["two_area", "Hinf", "--profile", "deployment", "--against", "none", "--devices", "sssc", "--keep-all"]
+    arguments = ["two_area", "Hinf", "--profile", "deployment", "--against", "none", "--devices", "sssc", "--keep-all"]
     monkeypatch.setattr(study, "RUNGS", 1)
-    assert main(["search", *given, "--budget", "1", "--jobs", "1", "--tuned", str(out)]) == 0
-    made = check(Tuned, files.read_table(out), "test")
-    assert (made.profile, made.signals, made.devices) == ("deployment", ["frequency"], ["sssc"])
-    assert {row.name for row in made.controllers} == {"LLC-tuned", "Hinf"}
+    assert main(["search", *arguments, "--budget", "1", "--jobs", "1", "--tuned", str(out)]) == 0
+    tuned_file = check(Tuned, files.read_table(out), "test")
+    assert (tuned_file.profile, tuned_file.signals, tuned_file.devices) == ("deployment", ["frequency"], ["sssc"])
+    assert {row.name for row in tuned_file.controllers} == {"LLC-tuned", "Hinf"}
     mine = {"two_area_deployment_mine": out}
     monkeypatch.setattr(files, "shipped", lambda kind: mine if kind == "controllers" else shipped(kind))
-    for row in made.controllers:
-        (own,) = load_case(None, ["profile=deployment", f"controllers.0.name={row.name}"]).controllers
-        assert {name: own.parameters[name] for name in row.parameters} == row.parameters
+    for row in tuned_file.controllers:
+        (controller,) = load_case(None, ["profile=deployment", f"controllers.0.name={row.name}"]).controllers
+        assert {name: controller.parameters[name] for name in row.parameters} == row.parameters
 
 
 def test_same_seed_gives_the_same_in_any_process_and_another_another(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -362,7 +380,9 @@ def test_same_seed_gives_the_same_in_any_process_and_another_another(monkeypatch
 
     def from_copies(function: Callable[[Any], Any], todo: Sequence[Any], *_: Any) -> list[Any]:
         """As processes have them, the last one first."""
-        return [make(one) for make, one in pickle.loads(pickle.dumps([(function, one) for one in todo]))[::-1]][::-1]
+        return [make(item) for make, item in pickle.loads(pickle.dumps([(function, item) for item in todo]))[::-1]][
+            ::-1
+        ]
 
     monkeypatch.setattr(study, "draws", short)
     task, names = SearchTask("smib", "pdci_100ms", (), 1, 4, scheme="indirect"), ["gaussian+sam"]
@@ -370,10 +390,10 @@ def test_same_seed_gives_the_same_in_any_process_and_another_another(monkeypatch
     other = search(task._replace(seed=5), names, 1, quiet)
     monkeypatch.setattr(study, "run_all", from_copies)
     again = search(task, names, 2, quiet)
-    told = [[(e.structure, e.controller, e.scores) for e in one] for one in (first, again, other)]
-    assert told[0] == told[1] != told[2]
-    for one, two in zip(first, again, strict=True):
-        np.testing.assert_array_equal(one.population, two.population)
+    results = [[(e.structure, e.controller, e.scores) for e in entries] for entries in (first, again, other)]
+    assert results[0] == results[1] != results[2]
+    for entry, two in zip(first, again, strict=True):
+        np.testing.assert_array_equal(entry.population, two.population)
 
 
 @pytest.mark.usefixtures("few_points")
@@ -397,17 +417,17 @@ def test_search_reads_the_training_scenario_alone_and_writes_a_valid_run(
         return plain(path)
 
     monkeypatch.setattr(files, "read_yaml", recorded)
-    out, other, told = tmp_path / "best.yaml", tmp_path / "lead_lag.yaml", tmp_path / "told.json"
-    written = ["--out", str(out), "--lead-lag", str(other), "--json", str(told)]
+    out, other, json_path = tmp_path / "best.yaml", tmp_path / "lead_lag.yaml", tmp_path / "told.json"
+    written = ["--out", str(out), "--lead-lag", str(other), "--json", str(json_path)]
     options = ["--link", "pdci_100ms", "--medians", "--method", "cma-es", "--scheme", "indirect", *written]
     assert main(["search", *TINY, *options]) == 0
     assert {path.stem for path in read if path.parent.parent.name == "scenarios"} == {"training"}
     monkeypatch.undo()
     assert f"run: {out}" in capsys.readouterr().out
-    ranking = json.loads(told.read_text())["ranking"]
+    ranking = json.loads(json_path.read_text())["ranking"]
     assert [row["rank"] for row in ranking] == [1, 2]
-    found = {(row["controller"], row["scheme"]) for row in ranking}
-    assert found == {("LLC-tuned", None), ("gaussian+sam", "indirect")}
+    names = {(row["controller"], row["scheme"]) for row in ranking}
+    assert names == {("LLC-tuned", None), ("gaussian+sam", "indirect")}
     assert ranking[0]["scores"][-1] == min(row["scores"][-1] for row in ranking)
     asked = "--link pdci_100ms --method cma-es --scheme indirect --medians --budget 1 --seed 4"
     assert out.read_text().startswith(f"# facts-damping search smib gaussian+sam {asked}\n")
@@ -425,14 +445,14 @@ def test_search_command_accepts_every_method() -> None:
 
 @pytest.mark.usefixtures("few_points")
 def test_without_a_file_the_run_of_the_best_network_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    told = tmp_path / "told.json"
-    assert main(["search", *TINY, "--scheme", "direct", "--json", str(told)]) == 0
+    json_path = tmp_path / "told.json"
+    assert main(["search", *TINY, "--scheme", "direct", "--json", str(json_path)]) == 0
     text = capsys.readouterr().out
     path = tmp_path / "best.yaml"
     path.write_text(text[text.index("# facts-damping search") :])
-    best = next(row for row in json.loads(told.read_text())["ranking"] if row["controller"] != REFERENCE)
+    best = next(row for row in json.loads(json_path.read_text())["ranking"] if row["controller"] != REFERENCE)
     case = load_case(str(path))
-    assert [(one.name, one.scheme, one.parameters) for one in case.run.controllers] == [
+    assert [(controller.name, controller.scheme, controller.parameters) for controller in case.run.controllers] == [
         (best["controller"], best["scheme"], best["parameters"])
     ]
 
@@ -533,5 +553,5 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     assert f"# {task.command(asked.controllers)}" == text.splitlines()[0]
     searched = structures(load_system(asked.system), asked.controllers, devices, asked.scheme)
     fresh = fresh_draws(SearchTask(asked.system, asked.link, (), 0, 0, asked.cases, asked.study), len(searched))
-    found = score(case.run.controllers[0], fresh, asked.worst, medians=asked.medians)
-    assert found.value == pytest.approx(float(said[1]), abs=0.02)
+    scored = score(case.run.controllers[0], fresh, asked.worst, medians=asked.medians)
+    assert scored.value == pytest.approx(float(said[1]), abs=0.02)

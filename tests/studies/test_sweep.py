@@ -66,16 +66,16 @@ def test_sweep_rows_have_the_figures_that_simulate_gives(tmp_path: Path) -> None
         (delay, gain) for delay in (0, 0.1, 0.2) for gain in (5, 10)
     ]
     for row in rows:
-        own = [f"link.up.0.delay={row['delay'] / 2}", f"link.down.0.delay={row['delay'] / 2}", "duration=4"]
+        run_sets = [f"link.up.0.delay={row['delay'] / 2}", f"link.down.0.delay={row['delay'] / 2}", "duration=4"]
         gain = f"controllers.0.parameters.gain={row['controllers.0.parameters.gain']}"
-        told: Any = summarise(loop.run(load_case("two_area_small", [*own, gain])))
+        summary: Any = summarise(loop.run(load_case("two_area_small", [*run_sets, gain])))
         for name in ("stable", "damped", "instability", "duration_s", "roughness", "max_injected_voltage_pu"):
-            assert row[name] == getattr(told, name), name
-        assert row["settling_time_s"] == told.settling_time_s
-        assert {name: row[name] for name in told.indices} == told.indices
+            assert row[name] == getattr(summary, name), name
+        assert row["settling_time_s"] == summary.settling_time_s
+        assert {name: row[name] for name in summary.indices} == summary.indices
         assert row["latency_max_ms"] == pytest.approx(1e3 * row["delay"], abs=1e-6)
-        assert row["latency_mean_ms"] == told.latency_ms.mean
-        assert row["interarea_hz"] == next((m.frequency_hz for m in told.modes if m.frequency_hz < 0.9), None)
+        assert row["latency_mean_ms"] == summary.latency_ms.mean
+        assert row["interarea_hz"] == next((m.frequency_hz for m in summary.modes if m.frequency_hz < 0.9), None)
         assert (row["error"], row["scenario"], row["controller"], row["scheme"]) == (None, "small", "LLC", None)
         assert (row["link"], row["seed"], row["horizon_s"]) == ("ideal", 0, 4)
 
@@ -111,11 +111,11 @@ sweep:
     rows = swept(tmp_path, study(tmp_path, text))["rows"]
     assert len(rows) == 12
     for row in rows:
-        own = [
+        run_sets = [
             f"{name}={row[name]}" for name in ("scenario", "frame_rate", "controllers.0.name", "controllers.0.scheme")
         ]
-        told: Any = summarise(loop.run(load_case("two_area_small", [*own, "duration=3"])))
-        assert {name: row[name] for name in told.indices} == told.indices
+        summary: Any = summarise(loop.run(load_case("two_area_small", [*run_sets, "duration=3"])))
+        assert {name: row[name] for name in summary.indices} == summary.indices
 
 
 def test_runs_on_the_same_network_follow_each_other(tmp_path: Path) -> None:
@@ -138,17 +138,17 @@ sweep:
 
 
 def test_system_that_changes_between_two_sweeps_of_a_process_is_built_anew(tmp_path: Path) -> None:
-    system, found = files.read_table(files.find("systems", "two_area")), {}
+    system, itae = files.read_table(files.find("systems", "two_area")), {}
     path = study(tmp_path, f"run: {{system: {tmp_path / 'grid.yaml'}, duration: 3}}\n")
     for factor in (1.0, 1.5):
         system["machines"][0]["H"] *= factor
         (tmp_path / "grid.yaml").write_text(dump(system), encoding="utf-8")
         out, target = tmp_path / str(factor), tmp_path / "result.json"
         assert main(["sweep", str(path), "--jobs", "1", "--out", str(out), "--json", str(target)]) == 0
-        found[factor] = json.loads(target.read_text())["rows"][0]["ITAE"]
+        itae[factor] = json.loads(target.read_text())["rows"][0]["ITAE"]
         case = load_case(None, [f"system={tmp_path / 'grid.yaml'}", "duration=3"])
-        assert found[factor] == (summarise(loop.run(case)).indices or {})["ITAE"]
-    assert found[1.0] != found[1.5]
+        assert itae[factor] == (summarise(loop.run(case)).indices or {})["ITAE"]
+    assert itae[1.0] != itae[1.5]
 
 
 def test_saturation_duty_is_the_share_of_frames_at_the_limit(tmp_path: Path) -> None:
@@ -169,21 +169,25 @@ sweep:
   - {field: controllers.1.link.up.1.delay, range: {start: 0.03, step: 0.01, number: 3}}
   - {field: seed, values: [1, 2]}
 """
-    found = swept(tmp_path, study(tmp_path, text))
+    document = swept(tmp_path, study(tmp_path, text))
     pictures = {path.stem for path in (tmp_path / "out").glob("*.png")}
     assert pictures == {
         "curves",
         "latency",
-        *(f"{one}{of}" for one in ("probability", "map") for of in ("", "_not_damped")),
+        *(f"{picture}{of}" for picture in ("probability", "map") for of in ("", "_not_damped")),
     }
-    (row,) = [r for r in found["rows"] if r["latency_max_ms"] == pytest.approx(70.0) and r["latency_p0_ms"] == 0.0][:1]
+    (row,) = [r for r in document["rows"] if r["latency_max_ms"] == pytest.approx(70.0) and r["latency_p0_ms"] == 0.0][
+        :1
+    ]
     assert (row["controller"], row["scheme"]) == ("ANFTSC+HBsWC", "indirect")
     assert (row["controllers.0.link.up.0.delay"], row["controllers.1.link.up.1.delay"]) == (0, 0.05)
-    assert [fraction["runs"] for fraction in found["fractions"]] == [2] * 18
-    for fraction in found["fractions"]:
-        own = [row for row in found["rows"] if all(row[name] == fraction[name] for name in row if name in fraction)]
+    assert [fraction["runs"] for fraction in document["fractions"]] == [2] * 18
+    for fraction in document["fractions"]:
+        rows_of_fraction = [
+            row for row in document["rows"] if all(row[name] == fraction[name] for name in row if name in fraction)
+        ]
         figure = {"unstable": "stable", "not_damped": "damped"}[fraction["criterion"]]
-        assert fraction["failed"] == sum(not row[figure] for row in own)
+        assert fraction["failed"] == sum(not row[figure] for row in rows_of_fraction)
 
 
 def test_run_that_fails_is_a_row(tmp_path: Path) -> None:
@@ -231,18 +235,23 @@ margin:
 
 
 def test_margins_are_bracketed_as_single_runs_say(tmp_path: Path) -> None:
-    found = swept(tmp_path, study(tmp_path, MARGIN))
-    assert [one["criterion"] for one in found["margins"]] == ["unstable", "not_damped"]
-    for one, figure in zip(found["margins"], ("stable", "damped"), strict=True):
-        assert {"controller", "scheme", "link", "scenario", "margin_s", "low_s", "high_s"} <= set(one)
-        assert (one["controller"], one["scheme"], one["link"], one["scenario"]) == ("LLC", None, "delay_100ms", "large")
-        assert (one["horizon_s"], one["field"]) == (20, "link.up.1.delay")
-        assert 0 < one["high_s"] - one["low_s"] <= 0.02 * (1 + 1e-9)
-        assert one["low_s"] < one["margin_s"] < one["high_s"]
-        for value, holds in ((one["low_s"], True), (one["high_s"], False)):
-            own = ["scenario=large", "link=delay_100ms", f"link.up.1.delay={value}"]
-            assert getattr(summarise(loop.run(load_case("two_area_small", own))), figure) is holds
-    assert found["margins"][1]["high_s"] <= found["margins"][0]["low_s"]  # it grows before it is lost
+    document = swept(tmp_path, study(tmp_path, MARGIN))
+    assert [margin["criterion"] for margin in document["margins"]] == ["unstable", "not_damped"]
+    for margin, figure in zip(document["margins"], ("stable", "damped"), strict=True):
+        assert {"controller", "scheme", "link", "scenario", "margin_s", "low_s", "high_s"} <= set(margin)
+        assert (margin["controller"], margin["scheme"], margin["link"], margin["scenario"]) == (
+            "LLC",
+            None,
+            "delay_100ms",
+            "large",
+        )
+        assert (margin["horizon_s"], margin["field"]) == (20, "link.up.1.delay")
+        assert 0 < margin["high_s"] - margin["low_s"] <= 0.02 * (1 + 1e-9)
+        assert margin["low_s"] < margin["margin_s"] < margin["high_s"]
+        for value, holds in ((margin["low_s"], True), (margin["high_s"], False)):
+            run_sets = ["scenario=large", "link=delay_100ms", f"link.up.1.delay={value}"]
+            assert getattr(summarise(loop.run(load_case("two_area_small", run_sets))), figure) is holds
+    assert document["margins"][1]["high_s"] <= document["margins"][0]["low_s"]  # it grows before it is lost
     assert (tmp_path / "out" / "margins.csv").is_file()
     assert (tmp_path / "out" / "margins.png").is_file()
 
@@ -251,14 +260,16 @@ def test_seeds_make_one_margin_and_shares(tmp_path: Path) -> None:
     """Nothing is random in a constant delay: all seeds agree, and the interval is the bracket."""
     text = MARGIN.replace("criteria: [unstable, not_damped]", "criteria: [unstable]")
     text = text.replace("margin:", "  - {field: seed, range: {start: 1, number: 3, step: 1}}\nmargin:")
-    found = swept(tmp_path, study(tmp_path, text))
-    (one,) = found["margins"]
-    assert one["seeds"] == 3
-    assert one["per_seed"] == [one["margin_s"]] * 3
-    assert 0 < one["high_s"] - one["low_s"] <= 0.02 * (1 + 1e-9)
-    assert {row["seed"] for row in found["rows"]} == {1, 2, 3}
+    document = swept(tmp_path, study(tmp_path, text))
+    (margin,) = document["margins"]
+    assert margin["seeds"] == 3
+    assert margin["per_seed"] == [margin["margin_s"]] * 3
+    assert 0 < margin["high_s"] - margin["low_s"] <= 0.02 * (1 + 1e-9)
+    assert {row["seed"] for row in document["rows"]} == {1, 2, 3}
     by_value = {
-        fraction["link.up.1.delay"]: fraction for fraction in found["fractions"] if fraction["criterion"] == "unstable"
+        fraction["link.up.1.delay"]: fraction
+        for fraction in document["fractions"]
+        if fraction["criterion"] == "unstable"
     }
     assert by_value[0.0]["runs"] == by_value[0.4]["failed"] == 3
     assert by_value[0.4]["low"] == pytest.approx(0.4385, abs=1e-4)  # Wilson's, of 3 of 3: 3 / (3 + 1.96^2)
@@ -270,16 +281,16 @@ def test_margin_is_converged_if_its_ends_do_the_same_with_half_the_step(
 ) -> None:
     """The step moves an edge by far less than 20 ms, and by more than a microsecond."""
     text = MARGIN.replace("tolerance: 0.02", f"tolerance: {tolerance}").replace(", not_damped", "") + "check_step: true"
-    found = swept(tmp_path, study(tmp_path, text))
-    (one,) = found["margins"]
-    ends = {one["low_s"], one["high_s"]}
-    assert {row["link.up.1.delay"] for row in found["rows"] if row.get("verdict_half_step")} == ends
+    document = swept(tmp_path, study(tmp_path, text))
+    (margin,) = document["margins"]
+    ends = {margin["low_s"], margin["high_s"]}
+    assert {row["link.up.1.delay"] for row in document["rows"] if row.get("verdict_half_step")} == ends
     stable = []
     for end in sorted(ends):
         case = load_case("two_area_small", ["scenario=large", "link=delay_100ms", f"link.up.1.delay={end}"])
         stable.append(summarise(loop.run(loop.with_half_step(case))).stable)
-    assert one["converged"] is (stable == [True, False]) is (tolerance > 0.01)
-    assert ("] ~" in capsys.readouterr().out) is not one["converged"]
+    assert margin["converged"] is (stable == [True, False]) is (tolerance > 0.01)
+    assert ("] ~" in capsys.readouterr().out) is not margin["converged"]
 
 
 def test_share_counts_the_runs_that_do_otherwise_with_half_the_step(tmp_path: Path) -> None:
@@ -296,13 +307,15 @@ sweep:
 modes: false
 check_step: true
 """
-    found = swept(tmp_path, study(tmp_path, text))
-    for fraction in found["fractions"]:
-        own = [row for row in found["rows"] if row["delay"] == fraction["delay"]]
+    document = swept(tmp_path, study(tmp_path, text))
+    for fraction in document["fractions"]:
+        rows_of_delay = [row for row in document["rows"] if row["delay"] == fraction["delay"]]
         holds = "damped" if fraction["criterion"] == "not_damped" else None
-        told = [[row[v] == holds if holds else row[v] != "lost synchronism" for row in own] for v in VERDICTS]
-        assert fraction["not_converged"] == sum(a != b for a, b in zip(*told, strict=True))
-    assert sum(fraction["not_converged"] for fraction in found["fractions"]) > 0
+        outcomes = [
+            [row[v] == holds if holds else row[v] != "lost synchronism" for row in rows_of_delay] for v in VERDICTS
+        ]
+        assert fraction["not_converged"] == sum(a != b for a, b in zip(*outcomes, strict=True))
+    assert sum(fraction["not_converged"] for fraction in document["fractions"]) > 0
 
 
 VERDICTS = ("verdict", "verdict_half_step")
@@ -345,9 +358,9 @@ def goes_on(path: Path, out: Path) -> None:
 
     The first rows are from processes, so their figures are the same there as here.
     """
-    kept = (out / sweep.JOURNAL).read_bytes()
+    before = (out / sweep.JOURNAL).read_bytes()
     assert main(["sweep", str(path), "--jobs", "1", "--out", str(out)]) == 0
-    assert (out / sweep.JOURNAL).read_bytes().startswith(kept)
+    assert (out / sweep.JOURNAL).read_bytes().startswith(before)
     assert rows_there(out) == 24
     assert main(["sweep", str(path), "--jobs", "1", "--out", str(out.parent / "whole")]) == 0
     assert table(out) == table(out.parent / "whole")
@@ -435,16 +448,16 @@ def test_process_that_is_killed_ends_the_sweep_with_one_line(
     assert said.startswith("facts-damping: a process of the sweep was killed")
     assert said.count("\n") == 1
     gone([pid for pid in children(os.getpid()) if is_worker(pid)])
-    kept = (tmp_path / "out" / sweep.JOURNAL).read_bytes()
+    before = (tmp_path / "out" / sweep.JOURNAL).read_bytes()
     (tmp_path / "spared").touch()
     assert main(["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "out")]) == 0
-    assert (tmp_path / "out" / sweep.JOURNAL).read_bytes().startswith(kept)
+    assert (tmp_path / "out" / sweep.JOURNAL).read_bytes().startswith(before)
     assert rows_there(tmp_path / "out") == 9
 
 
 def children(pid: int) -> list[int]:
     text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
-    return [int(one) for one in text.split()]
+    return [int(pid_text) for pid_text in text.split()]
 
 
 def is_worker(pid: int) -> bool:
@@ -470,7 +483,7 @@ def test_torn_or_damaged_line_costs_its_run_only(tmp_path: Path, capsys: pytest.
     whole, journal = table(out), out / sweep.JOURNAL
     lines = journal.read_bytes().splitlines(keepends=True)
     assert len(lines) == 7
-    changed = re.sub(rb"(\d\.)\d", lambda found: found[1] + (b"1" if found[0].endswith(b"7") else b"7"), lines[2])
+    changed = re.sub(rb"(\d\.)\d", lambda match: match[1] + (b"1" if match[0].endswith(b"7") else b"7"), lines[2])
     assert json.loads(changed) != json.loads(lines[2])
     journal.write_bytes(b"".join([*lines[:2], changed, b"\x00\x00\xff\n", *lines[4:6], lines[6][:40]]))
     capsys.readouterr()
@@ -645,11 +658,11 @@ def test_shipped_studies_can_be_planned(name: str) -> None:
 
 
 def test_example(tmp_path: Path) -> None:
-    found = swept(tmp_path, "example")
-    assert len(found["rows"]) == 16
-    assert all(row["error"] is None for row in found["rows"])
-    assert found["margins"] == []
-    assert {row["scheme"] for row in found["rows"]} == {None, "direct"}
+    document = swept(tmp_path, "example")
+    assert len(document["rows"]) == 16
+    assert all(row["error"] is None for row in document["rows"])
+    assert document["margins"] == []
+    assert {row["scheme"] for row in document["rows"]} == {None, "direct"}
 
 
 def test_report_has_the_runs_of_a_study_side_by_side_named_by_what_differs(tmp_path: Path) -> None:
@@ -737,15 +750,15 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
             **batch.identity(make(plan.base, point.changes)),
             **point.columns,
         }
-        points[tuple(sorted((one, cell(identity[one])) for one, _ in written[0][1]))] = point
+        points[tuple(sorted((column_name, cell(identity[column_name])) for column_name, _ in written[0][1]))] = point
     tasks: dict[str, RunRequest] = {}
     expected: list[tuple[str, str, bool]] = []
     for criterion, place, text in written[::every]:
         if text.endswith("~"):  # not converged: another processor may do otherwise, as half the step does
             continue
-        found = BRACKET.match(text)
-        assert found, text
-        low, high = found[1] or found[3], found[2] or found[4]
+        match = BRACKET.match(text)
+        assert match, text
+        low, high = match[1] or match[3], match[2] or match[4]
         for end, failed in ((low, False), (high, True)):
             if end is not None:  # the table is rounded; values that were run are multiples of the last step
                 value = round(round(float(end) / finest) * finest, 9)
@@ -755,7 +768,11 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
                 expected.append((key, criterion, failed))
     rows = dict(one_run(plan.base, task) for task in tasks.values())
     assert len(expected) >= 1.5 * len(written[::every]) - 2 * sum(text.endswith("~") for *_, text in written)
-    assert [one for one in expected if fails(one[1], rows[one[0]].judged) is not one[2]] == []
+    assert [
+        expected_end
+        for expected_end in expected
+        if fails(expected_end[1], rows[expected_end[0]].judged) is not expected_end[2]
+    ] == []
 
 
 def test_study_of_delay_margins_asks_for_every_controller_and_scenario() -> None:

@@ -50,9 +50,9 @@ def test_curve_is_one_setting_and_lost_runs_are_the_worst() -> None:
 
 def test_of_an_axis_with_many_values_a_few_are_shown() -> None:
     rows = [row(0.0, jitter / 100, 1, 1.0) for jitter in range(20)]
-    found = settings(rows, ["delay_s", "jitter_s"], "delay_s")
-    assert len(found) == 5
-    assert [next(iter(found)), list(found)[-1]] == ["large, jitter 0 s", "large, jitter 0.19 s"]
+    by_setting = settings(rows, ["delay_s", "jitter_s"], "delay_s")
+    assert len(by_setting) == 5
+    assert [next(iter(by_setting)), list(by_setting)[-1]] == ["large, jitter 0 s", "large, jitter 0.19 s"]
     assert settings(rows, ["jitter_s"], "jitter_s") == {"large": rows}
 
 

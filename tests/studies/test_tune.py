@@ -54,10 +54,10 @@ ROWS = [(system, row) for system in SYSTEMS for row in chosen(system).controller
 
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_every_controller_is_tuned_by_the_same_command(system: str) -> None:
-    found = chosen(system)
-    assert found.command == f"facts-damping tune {system} --budget 600 --seed 1"
-    assert found.scenario == "training"
-    assert [(row.name, row.scheme) for row in found.controllers] == rows([])
+    tuned_file = chosen(system)
+    assert tuned_file.command == f"facts-damping tune {system} --budget 600 --seed 1"
+    assert tuned_file.scenario == "training"
+    assert [(row.name, row.scheme) for row in tuned_file.controllers] == rows([])
     assert {name for name, _ in rows([])} == set(CONTROLLERS) - {"LLC"}
     assert len(tuned(system)) == 25
 
@@ -100,15 +100,15 @@ def test_search_is_reproducible_and_no_worse_than_its_first_points(
     events = [{"time": 0.5, "kind": "load_step", "load": "load_2", "change": -0.1}]
     (tmp_path / "step.yaml").write_text(dump({"name": "step", "duration": 4, "events": events}), encoding="utf-8")
     job = Job(task("two_area", budget=16)._replace(scenario=str(tmp_path / "step.yaml")), "LLC-tuned", None)
-    found = search(job)
-    assert search(job) == found
+    tuned_controller = search(job)
+    assert search(job) == tuned_controller
     trainer = Trainer(job)
     first = tune._population(len(trainer.space.ranges), 3)
     assert first.shape == (8, 5)
     for column in first.T:  # a Latin hypercube: one point in each stripe
         assert sorted((column * 8).astype(int)) == list(range(8))
-    assert found.objective <= min(trainer.objective(at) for at in first) * (1 + 1e-4)
-    assert search(job._replace(task=job.task._replace(seed=4))) != found
+    assert tuned_controller.objective <= min(trainer.objective(at) for at in first) * (1 + 1e-4)
+    assert search(job._replace(task=job.task._replace(seed=4))) != tuned_controller
 
 
 def test_lost_run_counts_more_than_any_that_stays() -> None:
@@ -123,9 +123,9 @@ def test_command_writes_a_file_that_runs_read(
     monkeypatch.setattr(tune, "POPULATION", 6)
     out = tmp_path / "tuned.yaml"
     assert main(["tune", "smib", "LLC-tuned", "--budget", "6", "--seed", "2", "--jobs", "1", "--out", str(out)]) == 0
-    found = check(Tuned, read_table(out), str(out))
-    assert found.command == "facts-damping tune smib LLC-tuned --budget 6 --seed 2"
-    assert [row.name for row in found.controllers] == ["LLC-tuned"]
+    tuned_file = check(Tuned, read_table(out), str(out))
+    assert tuned_file.command == "facts-damping tune smib LLC-tuned --budget 6 --seed 2"
+    assert [row.name for row in tuned_file.controllers] == ["LLC-tuned"]
     assert f"parameters: {out}" in capsys.readouterr().out
 
 
@@ -140,16 +140,21 @@ def test_system_of_the_users_own_is_tuned_on_a_scenario_of_their_own(tmp_path: P
     scenario.write_text(dump({"name": "step", "duration": 8, "events": [EVENT]}), encoding="utf-8")
     asked = ["--devices", "own", "--signals", "w12", "--scenario", str(scenario), "--budget", "48", "--jobs", "1"]
     assert main(["tune", str(system), "LLC-tuned", *asked, "--out", str(out)]) == 0
-    found = check(Tuned, read_table(out), str(out))
-    assert (found.system, found.scenario) == ("wscc_9", "step")
-    gain = found.controllers[0].parameters["gain"]
+    tuned_file = check(Tuned, read_table(out), str(out))
+    assert (tuned_file.system, tuned_file.scenario) == ("wscc_9", "step")
+    gain = tuned_file.controllers[0].parameters["gain"]
     assert isinstance(gain, float)
     assert gain < 0.0
     run = {"system": str(system), "scenario": str(scenario), "devices": ["own"]}
-    own = {"name": "LLC-tuned", "devices": ["own"], "signals": ["w12"], "parameters": found.controllers[0].parameters}
+    controller = {
+        "name": "LLC-tuned",
+        "devices": ["own"],
+        "signals": ["w12"],
+        "parameters": tuned_file.controllers[0].parameters,
+    }
     with_it, without = (
         (summarise(loop.run(make_case({**run, "controllers": controllers}, "mine"))).indices or {})["ITAE"]
-        for controllers in ([own], [])
+        for controllers in ([controller], [])
     )
     assert with_it < 0.7 * without
 

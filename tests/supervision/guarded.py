@@ -46,18 +46,18 @@ class Guarded:
 
     def __init__(
         self,
-        given: dict[str, Any],
+        fields: dict[str, Any],
         devices: Sequence[str] = ("first",),
         arm_at: float | None = None,
         *,
         mode: bool = True,
     ) -> None:
-        """`given`: its supervision; `mode`: whether it knows one."""
+        """`fields`: its supervision; `mode`: whether it knows one."""
         self.devices = list(devices)
         rows = [Controller(signals=["speed"], devices=self.devices, fallback_of=place) for place in (None, 0)]
         known = EIGENVALUE if mode else 0j
         watched = Watched(0, 1, 0, arm_at, known, [RESIDUE] * len(self.devices))
-        supervision = Supervision.model_validate(given)
+        supervision = Supervision.model_validate(fields)
         limits = {name: (limit, 1.0) for name, limit in LIMITS.items()}
         wiring = Wiring(SIGNALS, ["A"], limits, RATE, NOMINAL)
         self.made, self.state = supervisors([watched], rows, supervision, wiring)
@@ -121,8 +121,8 @@ class Guarded:
     def arm(self, ticks: int = 3) -> None:
         """Some quiet ticks, and armed with the last of them."""
         for k in range(ticks):
-            told = self.give([0.0] * len(self.devices), command="arm" if k == ticks - 1 else None)
-        assert told.state == "armed", told.refused
+            tick = self.give([0.0] * len(self.devices), command="arm" if k == ticks - 1 else None)
+        assert tick.state == "armed", tick.refused
 
 
 def watching(**follows: str) -> dict[str, Any]:

@@ -30,8 +30,8 @@ class Settings(NamedTuple):
 class Model:
     """One supervisor."""
 
-    def __init__(self, given: Settings) -> None:
-        self.given, self.state, self.why, self.refused = given, "shadow", "", ""
+    def __init__(self, settings: Settings) -> None:
+        self.given, self.state, self.why, self.refused = settings, "shadow", "", ""
         self.history: list[set[str]] = []  # monitors beyond their limits at the ends of ticks
         self.ends: list[float] = []
         self.entered = self.latest = float("-inf")

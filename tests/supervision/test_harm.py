@@ -26,15 +26,15 @@ def links(up: float, down: float) -> list[str]:
 @cache
 def change(system: str, up: float, down: float) -> complex:
     """How the mode's eigenvalue changes by the gain of a lead-lag controller, 1/s: the loop from frame to frame."""
-    found = []
+    eigenvalues = []
     for gain in (0.0, SMALL):
         case = load_case(None, [*SYSTEMS[system], *links(up, down), f"controllers.0.parameters.gain={max(gain, 1e-6)}"])
         known = plant_residues(case)
         assert known is not None
         z = np.linalg.eigvals(sampled(delayed_loop(case), min(link_delays(case)))).astype(complex)
         values = np.log(z[np.abs(z) > 1e-6]) * case.run.frame_rate
-        found.append(complex(values[np.argmin(np.abs(values - known.eigenvalue))]))
-    return (found[1] - found[0]) / (SMALL - 1e-6)
+        eigenvalues.append(complex(values[np.argmin(np.abs(values - known.eigenvalue))]))
+    return (eigenvalues[1] - eigenvalues[0]) / (SMALL - 1e-6)
 
 
 @cache

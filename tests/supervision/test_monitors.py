@@ -135,7 +135,7 @@ def seen(*sets: str) -> Seen:
             if rows["follows"][m] and end - since >= rows["lasts_ns"][m] * 1e-9 - 1e-9:
                 acted.setdefault(name, float(end))
     states = [(float(ends[k]), STATES[row["state"]], cause_name(int(row["cause"]))) for k, row in enumerate(reports)]
-    return Seen(record, [one for k, one in enumerate(states) if k == 0 or one[1] != states[k - 1][1]], acted)
+    return Seen(record, [state for k, state in enumerate(states) if k == 0 or state[1] != states[k - 1][1]], acted)
 
 
 def test_every_monitor_has_a_trial() -> None:
@@ -145,24 +145,24 @@ def test_every_monitor_has_a_trial() -> None:
 @pytest.mark.parametrize("name", MONITORS)
 def test_monitor_acts_first_on_its_own_fault(name: str) -> None:
     trial = TRIALS[name]
-    found = seen(*trial.wrong)
-    assert name in found.acted
-    by_then = {other for other, at in found.acted.items() if at <= found.acted[name]}
+    watched = seen(*trial.wrong)
+    assert name in watched.acted
+    by_then = {other for other, at in watched.acted.items() if at <= watched.acted[name]}
     assert by_then <= {name} | trial.beside
-    assert found.acted[name] > (0.0 if LARGE in trial.wrong else AT)
+    assert watched.acted[name] > (0.0 if LARGE in trial.wrong else AT)
     if MONITORS[name].follows == "warn":
-        assert [state for _, state, _ in found.states] == ["armed"]
+        assert [state for _, state, _ in watched.states] == ["armed"]
     else:
-        at, state, cause = found.states[-1]
+        at, state, cause = watched.states[-1]
         assert (state, cause) == ("tripped", name)
-        assert at == pytest.approx(found.acted[name], abs=1e-6)
+        assert at == pytest.approx(watched.acted[name], abs=1e-6)
 
 
 @pytest.mark.parametrize("name", MONITORS)
 def test_monitor_does_not_act_on_what_it_lets_pass(name: str) -> None:
-    found = seen(*TRIALS[name].sound)
-    assert name not in found.acted
-    assert len(found.record.time_ns) == 540
+    watched = seen(*TRIALS[name].sound)
+    assert name not in watched.acted
+    assert len(watched.record.time_ns) == 540
 
 
 SOUND = [
@@ -173,42 +173,42 @@ SOUND = [
 @pytest.mark.parametrize("sets", SOUND, ids=str)
 @pytest.mark.parametrize("scenario", ["small", "large", "multiple"])
 def test_monitors_do_not_act_in_a_sound_run(scenario: str, sets: list[str]) -> None:
-    found = seen(f"scenario={scenario}", *sets)
-    assert found.acted == {}
-    assert [state for _, state, _ in found.states] == ["armed"]
+    watched = seen(f"scenario={scenario}", *sets)
+    assert watched.acted == {}
+    assert [state for _, state, _ in watched.states] == ["armed"]
 
 
 def test_either_limit_counts() -> None:
     """The time at the other one is the same, but for the frame in which it gets there."""
-    one, other = (seen(LARGE, stays_at_a_limit(6.0, side)).acted["saturated"] for side in (1, -1))
-    assert other == pytest.approx(one, abs=0.05)
+    upper, other = (seen(LARGE, stays_at_a_limit(6.0, side)).acted["saturated"] for side in (1, -1))
+    assert other == pytest.approx(upper, abs=0.05)
 
 
 def test_frames_that_arrive_together_are_compared_one_by_one() -> None:
     """A link in order lets several frames of a PMU go at once: what they say of it is what they say one by one."""
     for scenario in ("small", "large"):
         for monitor in ("angle", "speed"):
-            one, other = (
+            apart, other = (
                 seen(f"scenario={scenario}", how).record.supervision["values"][:, list(MONITORS).index(monitor)].max()
                 for how in ("link=fibre", "link=ideal")
             )
-            assert one == pytest.approx(other, rel=0.05)
+            assert apart == pytest.approx(other, rel=0.05)
 
 
 def test_station_that_was_lost_for_long_is_no_island() -> None:
     """While it is lost, and once it is back, with the grid off its frequency: its turns are counted anew."""
     others = [f"supervision.monitors.{name}=off" for name in MONITORS if name not in ("misaligned", "islanding")]
     lost = link("up", {**LOST, "channels": ["G1"], "duration": 5.0})
-    found = seen(RESERVE, *others, lost, "duration=14")
-    assert [(state, cause) for _, state, cause in found.states] == [
+    watched = seen(RESERVE, *others, lost, "duration=14")
+    assert [(state, cause) for _, state, cause in watched.states] == [
         ("armed", "schedule"),
         ("fallback", "misaligned"),
         ("armed", "misaligned"),
     ]
-    assert found.states[2][0] == pytest.approx(AT + 5.0 + 3.0, abs=0.2)  # recovery
-    off = abs(found.record.frames[-1, 0, 5] - 60.0)
+    assert watched.states[2][0] == pytest.approx(AT + 5.0 + 3.0, abs=0.2)  # recovery
+    off = abs(watched.record.frames[-1, 0, 5] - 60.0)
     assert off > 0.5  # Hz: in five seconds more than a turn
-    angle = found.record.supervision["values"][:, list(MONITORS).index("islanding")]
+    angle = watched.record.supervision["values"][:, list(MONITORS).index("islanding")]
     assert np.isnan(angle[int(4.0 * 60)])
     assert np.nanmax(angle) < 45.0
 
@@ -225,9 +225,9 @@ def test_fallback_takes_over_from_a_controller_whose_data_are_bad() -> None:
 
 def test_oscillation_that_grows_by_itself_is_no_reason_not_to_damp_it() -> None:
     """In shadow nothing acts: the plant, which is unstable by itself, is armed, and it grows no more."""
-    found = seen(LARGE, "arm_at=8", "duration=14")
-    assert [state for _, state, _ in found.states] == ["shadow", "armed"]
-    speeds = found.record.machines["speed_deviation"]
+    watched = seen(LARGE, "arm_at=8", "duration=14")
+    assert [state for _, state, _ in watched.states] == ["shadow", "armed"]
+    speeds = watched.record.machines["speed_deviation"]
     swing = [np.ptp(speeds[k : k + 96, 0] - speeds[k : k + 96, 2]) for k in (200, 380, 740)]
     assert swing[1] > 1.1 * swing[0]
     assert swing[2] < swing[1]

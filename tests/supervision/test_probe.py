@@ -40,9 +40,9 @@ def probed(*sets: str) -> tuple[Any, str, str]:
 
 
 def omega(*sets: str) -> float:
-    found = plant_residues(load_case(None, list(sets)))
-    assert found is not None
-    return found.eigenvalue.imag
+    residues = plant_residues(load_case(None, list(sets)))
+    assert residues is not None
+    return residues.eigenvalue.imag
 
 
 @pytest.mark.parametrize("system", LATEST)
@@ -67,8 +67,8 @@ def test_filters_of_pmus_are_known() -> None:
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 5.0, -1.0])
 def test_probe_finds_the_gain_of_the_downlink(system: str, factor: float) -> None:
     report, state, refused = probed(*LATEST[system], down(model="scale", factor=factor))
-    found = report["probe_gain"] * np.exp(1j * report["probe_phase"])
-    assert abs(found - factor) < 0.04 * abs(factor)
+    gain = report["probe_gain"] * np.exp(1j * report["probe_phase"])
+    assert abs(gain - factor) < 0.04 * abs(factor)
     why = "probe: phase" if factor < 0.0 else "" if 1.0 / 3.0 < factor < 3.0 else "probe: gain"
     assert (state, refused) == ("shadow" if why else "armed", why)
 
@@ -89,11 +89,11 @@ def test_delay_that_is_not_known_turns_the_phase(system: str, delay: float) -> N
 
 
 def test_noise_of_loads_lowers_the_coherence_until_arming_is_refused() -> None:
-    found = [probed(*QUIET, f"load_noise.std={std}") for std in (0.0, 0.01, 0.03)]
-    coherence = [float(report["probe_coherence"]) for report, *_ in found]
+    reports = [probed(*QUIET, f"load_noise.std={std}") for std in (0.0, 0.01, 0.03)]
+    coherence = [float(report["probe_coherence"]) for report, *_ in reports]
     assert coherence == sorted(coherence, reverse=True)
     assert coherence[1] > 0.5 > coherence[2]
-    assert [(state, refused) for _, state, refused in found] == [
+    assert [(state, refused) for _, state, refused in reports] == [
         ("armed", ""),
         ("armed", ""),
         ("shadow", "probe: coherence"),
@@ -131,8 +131,8 @@ def test_while_a_device_is_probed_the_other_rests() -> None:
 def test_probe_is_over_when_it_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
     """Armed at the time that a refusal names, and not a tick before."""
     monkeypatch.setattr("facts_damping.simulation.build._check_probes", lambda *_: None)
-    found = [probed(*QUIET, f"arm_at={at}") for at in (13.167, 13.15)]
-    assert [(state, refused) for _, state, refused in found] == [("armed", ""), ("shadow", "no probe")]
+    reports = [probed(*QUIET, f"arm_at={at}") for at in (13.167, 13.15)]
+    assert [(state, refused) for _, state, refused in reports] == [("armed", ""), ("shadow", "no probe")]
 
 
 def test_probe_reports_the_damping_that_the_controller_adds() -> None:
@@ -152,8 +152,8 @@ def test_margin_of_gain_is_that_of_the_linear_loop(sets: list[str], gain: float)
     turning = omega(*sets)
 
     def growth(factor: float) -> float:
-        made = delayed_loop(load_case(None, [*sets, f"controllers.0.parameters.gain={factor * gain}"]))
-        modes = eigen(made, sampled(made, 0.0)).values
+        closed_loop = delayed_loop(load_case(None, [*sets, f"controllers.0.parameters.gain={factor * gain}"]))
+        modes = eigen(closed_loop, sampled(closed_loop, 0.0)).values
         return max(float(mode.real) for mode in modes if abs(mode.imag - turning) < 1.0)
 
     assert report["gain_margin"] == pytest.approx(brentq(growth, 0.1, 5.0, xtol=0.01), rel=0.1)
@@ -171,7 +171,7 @@ def test_fit_is_that_of_least_squares(seed: int, first: int, alike: bool) -> Non
     sums, work = np.zeros((2, UNKNOWNS + 1, UNKNOWNS + 1))
     sums[:UNKNOWNS] = np.triu(whole.T @ whole)[:UNKNOWNS]
     left = fit(sums, float(y @ y), work, first)
-    found, *_ = np.linalg.lstsq(columns[:, first:], y, rcond=None)
-    assert left == pytest.approx(float(np.sum((y - columns[:, first:] @ found) ** 2)), rel=1e-6)
+    solution, *_ = np.linalg.lstsq(columns[:, first:], y, rcond=None)
+    assert left == pytest.approx(float(np.sum((y - columns[:, first:] @ solution) ** 2)), rel=1e-6)
     fitted = columns[:, first:] @ work[first:UNKNOWNS, UNKNOWNS]
-    assert fitted == pytest.approx(columns[:, first:] @ found, rel=1e-5, abs=1e-7)
+    assert fitted == pytest.approx(columns[:, first:] @ solution, rel=1e-5, abs=1e-7)

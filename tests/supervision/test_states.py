@@ -41,28 +41,28 @@ def short(devices: int, values: st.SearchStrategy[float]) -> st.SearchStrategy[l
     said = setpoints(devices, values)
     commands = st.sampled_from([*[None] * 6, *["arm"] * 6, "reset", "reset", "disarm"])
     late = st.sampled_from([0.0, 0.0, 0.05])
-    one = st.builds(Tick, said, said, st.sampled_from([0.0, 0.001, None]), late, st.booleans(), commands)
-    return st.lists(one, min_size=1, max_size=30)
+    tick = st.builds(Tick, said, said, st.sampled_from([0.0, 0.001, None]), late, st.booleans(), commands)
+    return st.lists(tick, min_size=1, max_size=30)
 
 
 def long(seed: int, devices: int, wild: bool) -> list[Tick]:
     """Four hundred ticks in which what lasts, lasts long enough to matter, and which come to all states."""
-    random, found = np.random.default_rng(seed), list[Tick]()
+    random, ticks = np.random.default_rng(seed), list[Tick]()
 
     def said() -> list[float] | None:
         values = random.uniform(-0.4, 0.4, devices)
         values[random.random(devices) < 0.002 * wild] = random.choice(WILD)
         return values.tolist()  # type: ignore[no-any-return]
 
-    while len(found) < 400:
+    while len(ticks) < 400:
         command = random.choice(["", "arm", "reset", "disarm"], p=[0.3, 0.5, 0.17, 0.03])
         silent, lone = random.random(2) < [0.05, 0.1]
         speed = None if random.random() < 0.1 else random.uniform(-0.01, 0.01)
         late, blocked = random.choice([0.0, 0.05], p=[0.9, 0.1]), bool(random.random() < 0.05)
         for k in range(random.integers(1, 25)):
             who = None if silent else said(), None if lone else said()
-            found.append(Tick(*who, speed, float(late), blocked, None if k else str(command) or None))
-    return found
+            ticks.append(Tick(*who, speed, float(late), blocked, None if k else str(command) or None))
+    return ticks
 
 
 def scripts(devices: int = 1, *, wild: bool = True) -> st.SearchStrategy[list[Tick]]:
@@ -92,9 +92,11 @@ MONITORED = {
 
 def shuffled(follows: dict[str, str], authority: dict[str, Any]) -> dict[str, Any]:
     """A supervision in which monitors are followed by something else than in the table."""
-    own = {name: {**MONITORED[name], "follows": follows.get(name, MONITORED[name]["follows"])} for name in MONITORED}
-    off = {name: "off" for name in MONITORS if name not in own}
-    return {"monitors": {**off, **own}, "arming": RAMPS, "authority": authority}
+    monitors = {
+        name: {**MONITORED[name], "follows": follows.get(name, MONITORED[name]["follows"])} for name in MONITORED
+    }
+    off = {name: "off" for name in MONITORS if name not in monitors}
+    return {"monitors": {**off, **monitors}, "arming": RAMPS, "authority": authority}
 
 
 FOLLOWS = st.dictionaries(st.sampled_from(list(MONITORED)), st.sampled_from(["warn", "fall_back", "trip"]))
@@ -106,9 +108,9 @@ def model_of(supervision: dict[str, Any], arm_at: float | None) -> Model:
     return Model(Settings(follows, limit, lasts, RAMPS["recovery"], arm_at, float(of["local"]["limit"])))
 
 
-def see(model: Model, told: Told, t: Tick, k: int) -> None:
+def see(model: Model, tick_told: Told, t: Tick, k: int) -> None:
     start, end = (tick_ns(i, RATE) * 1e-9 for i in (k, k + 1))
-    model.see(told.values, None if t.reserve is None else (start + end) / 2.0, end)
+    model.see(tick_told.values, None if t.reserve is None else (start + end) / 2.0, end)
 
 
 @settings(max_examples=80)
@@ -120,10 +122,10 @@ def test_states_are_those_of_a_model_by_other_means(
     supervision = shuffled(follows, {})
     guarded, model = Guarded(supervision, arm_at=arm_at), model_of(supervision, arm_at)
     for k, t in enumerate(script):
-        told = play(guarded, [t])[0]
+        tick_told = play(guarded, [t])[0]
         model.ask(t.command, tick_ns(k, RATE) * 1e-9)
-        see(model, told, t, k)
-        assert (told.state, told.cause, told.refused) == (model.state, model.why, model.refused), k
+        see(model, tick_told, t, k)
+        assert (tick_told.state, tick_told.cause, tick_told.refused) == (model.state, model.why, model.refused), k
 
 
 @settings(max_examples=80)
@@ -156,8 +158,8 @@ def test_whatever_it_is_told_its_setpoints_stay_within_authority_and_ramps(
     for k, t in enumerate(script):
         model.ask(t.command, tick_ns(k, RATE) * 1e-9)
         change()
-        told = play(guarded, [t])[0]
-        for row in told.said:
+        tick_told = play(guarded, [t])[0]
+        for row in tick_told.said:
             d, at, v = int(row["device"]), int(row["issued_ns"]), float(row["value"])
             assert abs(v) <= limits[d]
             assert tick_ns(k, RATE) <= at < tick_ns(k + 1, RATE)
@@ -168,8 +170,8 @@ def test_whatever_it_is_told_its_setpoints_stay_within_authority_and_ramps(
                 assert abs(v - begun[d]) <= b * (abs(begun[d]) + limits[d]) + 1e-9
                 assert model.state in ACTING or b < 1.0 or v == 0.0
             latest[d] = (at, v)
-        assert model.state in ACTING or len(told.said) == 2  # a device is never without a word
-        see(model, told, t, k)
+        assert model.state in ACTING or len(tick_told.said) == 2  # a device is never without a word
+        see(model, tick_told, t, k)
         change()
 
 
@@ -196,8 +198,8 @@ def test_armed_and_ramped_setpoints_are_the_controller_s_to_the_bit(said: list[f
 @pytest.mark.parametrize(("energy", "devices"), [(0.5, 2), (6.0, 1)])
 def test_supervised_setpoints_keep_within_the_energy_of_a_minute(energy: float, devices: int) -> None:
     """Of a controller that asks for all there is, now and then for some of it, and rests at times."""
-    given = {"monitors": watching(), "arming": {"ramp": 0.0}, "authority": {"energy": energy}}
-    guarded, random = Guarded(given, list(LIMITS)[:devices]), np.random.default_rng(0)
+    fields = {"monitors": watching(), "arming": {"ramp": 0.0}, "authority": {"energy": energy}}
+    guarded, random = Guarded(fields, list(LIMITS)[:devices]), np.random.default_rng(0)
     guarded.arm()
     asked = np.repeat(random.choice([0.0, 0.5, 1.0, 1.0, 1e300], 45), 2 * RATE)
     said = np.array([guarded.give([factor * limit for limit in guarded.limits]).said["value"] for factor in asked])
@@ -213,12 +215,12 @@ def test_supervised_setpoints_keep_within_the_energy_of_a_minute(energy: float, 
 def test_setpoints_of_a_tripped_or_disarmed_controller_never_act(script: list[Tick], seed: int) -> None:
     """Two runs alike but for what a controller says while it may not act: the same setpoints."""
     supervision = shuffled({"non_finite": "warn"}, {})
-    one, other = Guarded(supervision), Guarded(supervision)
+    first, other = Guarded(supervision), Guarded(supervision)
     values = np.random.default_rng(seed).choice([*WILD, 0.1, -0.2], len(script)).tolist()
     for t, value in zip(script, values, strict=True):
-        silent = one.row["state"] not in (1, 2, 3)  # neither shadow, armed nor fallback
+        silent = first.row["state"] not in (1, 2, 3)  # neither shadow, armed nor fallback
         said = [value] if silent and t.controller is not None and t.command is None else t.controller
-        a, b = play(one, [t])[0], play(other, [t._replace(controller=said)])[0]
+        a, b = play(first, [t])[0], play(other, [t._replace(controller=said)])[0]
         assert (a.state, a.said.tobytes()) == (b.state, b.said.tobytes())
 
 
@@ -244,9 +246,9 @@ def test_transfer_to_the_fallback_and_back_is_bumpless() -> None:
     guarded.arm()
     values, states = [], []
     for k in range(240):
-        told = guarded.give([0.2], [-0.1], speed=None if 30 <= k < 60 else 0.0)
-        values += told.said["value"].tolist()
-        states.append(told.state)
+        tick_told = guarded.give([0.2], [-0.1], speed=None if 30 <= k < 60 else 0.0)
+        values += tick_told.said["value"].tolist()
+        states.append(tick_told.state)
     assert [states[i] for i in (29, 50, 100, 239)] == ["armed", "fallback", "fallback", "armed"]
     assert np.abs(np.diff(values)).max() == pytest.approx(0.3 * TICK / 0.5, rel=1e-6)
     assert (values[0], min(values), values[-1]) == (0.2, -0.1, 0.2)

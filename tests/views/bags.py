@@ -38,9 +38,11 @@ def read(folder: Path) -> Bag:
         assert summary is not None
         for channel in summary.channels.values():
             schema = summary.schemas[channel.schema_id]
-            found = get_types_from_msg(schema.data.decode(), schema.name)
-            store.register({name: of for name, of in found.items() if name not in store.types})
-            fields |= {name: {field: _kind(of) for field, of in own} for name, (_, own) in found.items()}
+            definitions = get_types_from_msg(schema.data.decode(), schema.name)
+            store.register({name: of for name, of in definitions.items() if name not in store.types})
+            fields |= {
+                name: {field: _kind(of) for field, of in type_fields} for name, (_, type_fields) in definitions.items()
+            }
             types[channel.topic], messages[channel.topic] = schema.name, []
         for of, channel, message in reader.iter_messages():
             assert of is not None
@@ -94,8 +96,8 @@ def foxglove_paths(text: str) -> Iterator[tuple[str, str, str]]:
     """Type of the panel, path, label of all that a layout of Foxglove shows."""
     for name, panel in json.loads(text)["configById"].items():
         kind = name.split("!")[0]
-        for one in panel.get("paths", ()):
-            yield kind, one["value"], one["label"]
+        for curve in panel.get("paths", ()):
+            yield kind, curve["value"], curve["label"]
         for key in ("topicPath", "topicToRender"):
             if key in panel:
                 yield kind, panel[key], ""
@@ -105,40 +107,40 @@ def foxglove_faults(text: str, bag: Bag) -> list[str]:
     """All paths of a layout that show nothing in a recording, or not what their panel can show."""
     faults = []
     for kind, path, _ in foxglove_paths(text):
-        found = follow(bag, path)
-        if isinstance(found, str):
-            faults.append(found)
-        elif kind in PLOTTED and (found.array or found.kind in bag.fields):
+        values = follow(bag, path)
+        if isinstance(values, str):
+            faults.append(values)
+        elif kind in PLOTTED and (values.array or values.kind in bag.fields):
             faults.append(f"{path}: no single value")
-        elif kind == "Plot" and found.kind == "string" and not all(value.isdecimal() for value in found.values):
+        elif kind == "Plot" and values.kind == "string" and not all(value.isdecimal() for value in values.values):
             faults.append(f"{path}: no number")
-        elif kind == "Table" and not (found.array and found.kind in bag.fields):
+        elif kind == "Table" and not (values.array and values.kind in bag.fields):
             faults.append(f"{path}: no array of entries")
-        elif kind == "DiagnosticSummary" and found.kind != "diagnostic_msgs/msg/DiagnosticArray":
+        elif kind == "DiagnosticSummary" and values.kind != "diagnostic_msgs/msg/DiagnosticArray":
             faults.append(f"{path}: no diagnostics")
     return faults
 
 
 def series(bag: Bag) -> set[str]:
     """Names of all numbers over time, as PlotJuggler makes them (its ParserROS and rosx_introspection)."""
-    found = set()
+    names = set()
     for topic, messages in bag.messages.items():
         for message in messages:
             if bag.types[topic] == "diagnostic_msgs/msg/DiagnosticArray":
                 for status in message.status:
-                    found.add(f"{topic}/{status.name}/level")
-                    found |= {f"{topic}/{status.name}/{one.key}" for one in status.values if one.value.isdecimal()}
+                    names.add(f"{topic}/{status.name}/level")
+                    names |= {f"{topic}/{status.name}/{item.key}" for item in status.values if item.value.isdecimal()}
             else:
-                found |= set(_numbers(bag, bag.types[topic], topic, message))
-    return found
+                names |= set(_numbers(bag, bag.types[topic], topic, message))
+    return names
 
 
 def _numbers(bag: Bag, kind: str, here: str, value: Any) -> Iterator[str]:
     for name, (of, array) in bag.fields[kind].items():
         inner = getattr(value, name)
-        for place, one in ((f"[{i}]", one) for i, one in enumerate(inner)) if array else [("", inner)]:
+        for place, inner_value in ((f"[{i}]", member) for i, member in enumerate(inner)) if array else [("", inner)]:
             if of in bag.fields:
-                yield from _numbers(bag, of, f"{here}/{name}{place}", one)
+                yield from _numbers(bag, of, f"{here}/{name}{place}", inner_value)
             elif of != "string":
                 yield f"{here}/{name}{place}"
 

@@ -126,16 +126,16 @@ BESIDE = {
 def names_at(bag: Bag, topic: str, field: str, place: str) -> set[str]:
     """What messages call the entry at a place of an array."""
     path = f"{topic}.{field}[{place}].{OWN_NAMES[field]}" if field in OWN_NAMES else f"{topic}.{BESIDE[field]}[{place}]"
-    found = follow(bag, path)
-    assert isinstance(found, Found), path
-    return set(found.values)
+    followed = follow(bag, path)
+    assert isinstance(followed, Found), path
+    return set(followed.values)
 
 
 def test_labels_are_the_names_in_the_messages(recorded: Recorded) -> None:
     titles = {
-        one["value"]: panel["foxglovePanelTitle"]
+        curve["value"]: panel["foxglovePanelTitle"]
         for panel in json.loads(recorded.foxglove)["configById"].values()
-        for one in panel.get("paths", ())
+        for curve in panel.get("paths", ())
     }
     checked = set()
     for _, path, label in foxglove_paths(recorded.foxglove):
@@ -156,11 +156,11 @@ def test_labels_of_tables_row_by_row(recorded: Recorded) -> None:
         indexed = re.fullmatch(r"(/[\w/]+)\.(learning_rates|jacobian)\[(\d+)\]", path)
         if indexed:
             labels.setdefault((indexed[1], indexed[2]), []).append(label)
-    for (topic, field), given in labels.items():
+    for (topic, field), texts in labels.items():
         message = recorded.bag.messages[topic][-1]
         columns, word = (message.input_names, " by ") if field == "jacobian" else (message.parameter_groups, ", ")
-        assert given == [f"{row}{word}{column}" for row in message.output_names for column in columns]
-        assert len(given) == len(getattr(message, field))
+        assert texts == [f"{row}{word}{column}" for row in message.output_names for column in columns]
+        assert len(texts) == len(getattr(message, field))
 
 
 def test_foxglove_layout_shows_all_topics_but_setpoints(recorded: Recorded) -> None:
@@ -238,7 +238,7 @@ def test_supervisor_has_its_state_its_setpoints_and_all_that_it_watches(recorded
         "issued": f"/area_1/controller_0_LLC/setpoints.{place[1:]}",
         "of the fallback": f"/controller_1_LLC/setpoints.{place[1:]}",
     }
-    tabs = [one["title"] for one in json.loads(recorded.foxglove)["configById"]["Tab!tabs"]["tabs"]]
+    tabs = [tab["title"] for tab in json.loads(recorded.foxglove)["configById"]["Tab!tabs"]["tabs"]]
     assert [f"supervisor_0_LLC{group}" for group in ("", ": data", ": controller", ": grid")] == [
         title for title in tabs if title.startswith("supervisor")
     ]

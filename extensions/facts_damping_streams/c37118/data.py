@@ -96,59 +96,62 @@ def _turned(angle: Float1, turn: Float1) -> Float1:
     return np.where(turn == 0.0, angle, np.remainder(angle + turn + np.pi, 2.0 * np.pi) - np.pi)
 
 
-def encode(layout: Layout, data: Data) -> bytes:
+def encode(frame_layout: Layout, data: Data) -> bytes:
     """The body of a data frame."""
-    magnitude, angle = data.phasors[:, 0], _turned(data.phasors[:, 1], layout.turn)
-    values = np.zeros(len(layout.at))
+    magnitude, angle = data.phasors[:, 0], _turned(data.phasors[:, 1], frame_layout.turn)
+    values = np.zeros(len(frame_layout.at))
     columns = {
         STATUS: data.status,
-        FIRST: np.where(layout.polar, magnitude, magnitude * np.cos(angle)),
-        SECOND: np.where(layout.polar, angle, magnitude * np.sin(angle)),
+        FIRST: np.where(frame_layout.polar, magnitude, magnitude * np.cos(angle)),
+        SECOND: np.where(frame_layout.polar, angle, magnitude * np.sin(angle)),
         FREQUENCY: data.frequency,
         ROCOF: data.rocof,
         ANALOG: data.analogs,
         DIGITAL: data.digitals,
     }
     for field, column in columns.items():
-        values[layout.field == field] = column
-    body, narrow = np.zeros(layout.size, np.uint8), ~layout.wide
+        values[frame_layout.field == field] = column
+    body, narrow = np.zeros(frame_layout.size, np.uint8), ~frame_layout.wide
     with np.errstate(over="ignore"):  # values beyond 32-bit floats become infinite
-        floats = values[layout.wide].astype(">f4").view(np.uint8).reshape(-1, 4)
-    body[layout.at[layout.wide, None] + np.arange(4)] = floats
-    minimum, maximum = np.where(layout.signed[narrow], -32767, 0), np.where(layout.signed[narrow], 32767, 65535)
-    counts = (values[narrow] - layout.offset[narrow]) / layout.scale[narrow]
+        floats = values[frame_layout.wide].astype(">f4").view(np.uint8).reshape(-1, 4)
+    body[frame_layout.at[frame_layout.wide, None] + np.arange(4)] = floats
+    minimum, maximum = (
+        np.where(frame_layout.signed[narrow], -32767, 0),
+        np.where(frame_layout.signed[narrow], 32767, 65535),
+    )
+    counts = (values[narrow] - frame_layout.offset[narrow]) / frame_layout.scale[narrow]
     whole = np.where(np.isnan(counts), MISSING, np.clip(np.rint(np.nan_to_num(counts)), minimum, maximum)).astype(
         np.int64
     )
-    body[layout.at[narrow, None] + np.arange(2)] = (whole & 0xFFFF).astype(">u2").view(np.uint8).reshape(-1, 2)
+    body[frame_layout.at[narrow, None] + np.arange(2)] = (whole & 0xFFFF).astype(">u2").view(np.uint8).reshape(-1, 2)
     return body.tobytes()
 
 
-def decode(layout: Layout, body: bytes) -> Data:
+def decode(frame_layout: Layout, body: bytes) -> Data:
     """The values of a data frame; an infinite one is no value. Raises `FrameError` for a wrong length."""
-    if len(body) != layout.size:
+    if len(body) != frame_layout.size:
         raise FrameError(
-            f"FRAMESIZE: {len(body) + MINIMUM} bytes; allowed by the configuration: {layout.size + MINIMUM}"
+            f"FRAMESIZE: {len(body) + MINIMUM} bytes; allowed by the configuration: {frame_layout.size + MINIMUM}"
         )
-    raw, narrow = np.frombuffer(body, np.uint8), ~layout.wide
-    values = np.zeros(len(layout.at))
+    raw, narrow = np.frombuffer(body, np.uint8), ~frame_layout.wide
+    values = np.zeros(len(frame_layout.at))
     with np.errstate(invalid="ignore"):  # signalling NaN
-        values[layout.wide] = raw[layout.at[layout.wide, None] + np.arange(4)].view(">f4").ravel()
+        values[frame_layout.wide] = raw[frame_layout.at[frame_layout.wide, None] + np.arange(4)].view(">f4").ravel()
     values[np.isinf(values)] = np.nan
-    counts = raw[layout.at[narrow, None] + np.arange(2)].view(">u2").ravel().astype(np.int64)
-    signed = layout.signed[narrow]
+    counts = raw[frame_layout.at[narrow, None] + np.arange(2)].view(">u2").ravel().astype(np.int64)
+    signed = frame_layout.signed[narrow]
     counts = np.where(signed & (counts > 32767), counts - 65536, counts)
     missing = signed & (counts == MISSING)
-    values[narrow] = np.where(missing, np.nan, counts * layout.scale[narrow] + layout.offset[narrow])
-    first, second = values[layout.field == FIRST], values[layout.field == SECOND]
+    values[narrow] = np.where(missing, np.nan, counts * frame_layout.scale[narrow] + frame_layout.offset[narrow])
+    first, second = values[frame_layout.field == FIRST], values[frame_layout.field == SECOND]
     first = np.where(np.isnan(second), np.nan, first)  # the magnitude of polar integers has no code for a missing value
-    magnitude = np.where(layout.polar, first, np.hypot(first, second))
-    angle = _turned(np.where(layout.polar, second, np.arctan2(second, first)), -layout.turn)
+    magnitude = np.where(frame_layout.polar, first, np.hypot(first, second))
+    angle = _turned(np.where(frame_layout.polar, second, np.arctan2(second, first)), -frame_layout.turn)
     return Data(
-        values[layout.field == STATUS].astype(np.int64),
+        values[frame_layout.field == STATUS].astype(np.int64),
         np.column_stack([magnitude, angle]),
-        values[layout.field == FREQUENCY],
-        values[layout.field == ROCOF],
-        values[layout.field == ANALOG],
-        values[layout.field == DIGITAL].astype(np.int64),
+        values[frame_layout.field == FREQUENCY],
+        values[frame_layout.field == ROCOF],
+        values[frame_layout.field == ANALOG],
+        values[frame_layout.field == DIGITAL].astype(np.int64),
     )

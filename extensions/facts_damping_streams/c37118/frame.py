@@ -78,9 +78,9 @@ def decode(data: bytes) -> Frame:
     if size != len(data):
         raise FrameError(f"FRAMESIZE: {size} in a frame of {len(data)} bytes; allowed: its length (6.2)")
     _, second, _, idcode, soc, fraction = HEAD.unpack_from(data)
-    (found,) = CHECK.unpack_from(data, size - CHECK.size)
-    if found != (wanted := checksum(data[: -CHECK.size])):
-        raise FrameError(f"CHK: {found:#06x} given; allowed: {wanted:#06x} (6.2)")
+    (received_sum,) = CHECK.unpack_from(data, size - CHECK.size)
+    if received_sum != (wanted := checksum(data[: -CHECK.size])):
+        raise FrameError(f"CHK: {received_sum:#06x} given; allowed: {wanted:#06x} (6.2)")
     kind = next(name for name, code in KINDS.items() if code == second >> 4)
     return Frame(kind, idcode, soc, fraction & 0xFFFFFF, data[HEAD.size : -CHECK.size], fraction >> 24, second & 0xF)
 
@@ -133,8 +133,8 @@ def _whole(stream: bytearray, at: int, maximum: int) -> bytes | None:
 
 def _following(stream: bytearray, at: int) -> int:
     """Position where the next frame may begin."""
-    found = stream.find(SYNC, at)
-    return len(stream) if found < 0 else found
+    start = stream.find(SYNC, at)
+    return len(stream) if start < 0 else start
 
 
 def _begun(stream: bytearray, maximum: int) -> int:

@@ -52,20 +52,20 @@ def places(c: Configuration, grid: Sequence[Pmu], wanted: Mapping[str, Channels]
         where, scale = zip(*(_channel(pmu, quantity, asked, c.pmus[p]) for quantity in UNITS), strict=True)
         first = [phasors[p] if i in (VOLTAGE, CURRENT) else analogs[p] for i in range(len(UNITS))]
         rows.append((s, p, [-1 if at < 0 else at + begin for at, begin in zip(where, first, strict=True)], scale))
-    found = list(zip(*rows, strict=True)) or [[], [], [], []]
+    columns = list(zip(*rows, strict=True)) or [[], [], [], []]
     shape = (len(rows), len(UNITS))
     return Places(
-        np.array(found[0], np.int64),
-        np.array(found[1], np.int64),
-        np.array(found[2], np.int64).reshape(shape),
-        np.array(found[3], float).reshape(shape),
+        np.array(columns[0], np.int64),
+        np.array(columns[1], np.int64),
+        np.array(columns[2], np.int64).reshape(shape),
+        np.array(columns[3], float).reshape(shape),
     )
 
 
 def _channel(pmu: Pmu, quantity: str, asked: Channels, configured: PmuConfiguration) -> tuple[int, float]:
     """Index of a quantity's channel in a PMU, -1: not sent; and p.u. per unit of the channel."""
-    given: Channel | None = getattr(asked, quantity)
-    channel = given or Channel(channel=NAMES[quantity])
+    asked_channel: Channel | None = getattr(asked, quantity)
+    channel = asked_channel or Channel(channel=NAMES[quantity])
     phasor = quantity in ("voltage", "current")
     there = (
         [p.name for p in configured.phasors if p.current == (quantity == "current")]
@@ -73,7 +73,7 @@ def _channel(pmu: Pmu, quantity: str, asked: Channels, configured: PmuConfigurat
         else [a.name for a in configured.analogs]
     )
     if channel.channel not in there:
-        if given is None:
+        if asked_channel is None:
             return -1, 1.0
         known = f"PMU {pmu.name}: {quantity}: '{channel.channel}' given"
         raise InputError(f"{known}; allowed: what PMU {configured.name} sends: {', '.join(there) or 'none'}")
@@ -82,31 +82,31 @@ def _channel(pmu: Pmu, quantity: str, asked: Channels, configured: PmuConfigurat
     return names.index(channel.channel), (-unit if channel.reverse else unit) / pmu.one(quantity)
 
 
-def values_of(places: Places, data: Data) -> tuple[Float2, Int1, Bool1]:
+def values_of(pmu_places: Places, data: Data) -> tuple[Float2, Int1, Bool1]:
     """Values of the PMUs in a frame (PMUs, CHANNELS), status bits, and whether a PMU is absent.
 
     Powers that are not sent are computed from the phasors: P + jQ = V I*.
     """
     phasors, analogs = np.vstack([data.phasors, [np.nan, np.nan]]), np.append(data.analogs, np.nan)
-    volts, amperes = phasors[places.channels[:, VOLTAGE]], phasors[places.channels[:, CURRENT]]
-    values = np.full((len(places.pmus), len(CHANNELS)), np.nan)
+    volts, amperes = phasors[pmu_places.channels[:, VOLTAGE]], phasors[pmu_places.channels[:, CURRENT]]
+    values = np.full((len(pmu_places.pmus), len(CHANNELS)), np.nan)
     for magnitude, angle, sent, of in (
         (system_pmus.MAGNITUDE, system_pmus.ANGLE, volts, VOLTAGE),
         (system_pmus.CURRENT, system_pmus.CURRENT_ANGLE, amperes, CURRENT),
     ):
-        values[:, magnitude] = sent[:, 0] * np.abs(places.scale[:, of])
+        values[:, magnitude] = sent[:, 0] * np.abs(pmu_places.scale[:, of])
         opposite = np.where(sent[:, 1] > 0.0, sent[:, 1] - np.pi, sent[:, 1] + np.pi)
-        values[:, angle] = np.where(places.scale[:, of] < 0.0, opposite, sent[:, 1])
+        values[:, angle] = np.where(pmu_places.scale[:, of] < 0.0, opposite, sent[:, 1])
     power = values[:, system_pmus.MAGNITUDE] * values[:, system_pmus.CURRENT]
     between = values[:, system_pmus.ANGLE] - values[:, system_pmus.CURRENT_ANGLE]
-    for column, of, own in (
+    for column, of, unsent in (
         (system_pmus.ACTIVE, ACTIVE, power * np.cos(between)),
         (system_pmus.REACTIVE, REACTIVE, power * np.sin(between)),
         (system_pmus.SPEED, SPEED, np.nan),
     ):
-        there = places.channels[:, of]
-        values[:, column] = np.where(there < 0, own, analogs[there] * places.scale[:, of])
-    values[:, system_pmus.FREQUENCY] = data.frequency[places.blocks]
-    values[:, system_pmus.ROCOF] = data.rocof[places.blocks]
-    words = data.status[places.blocks]
+        there = pmu_places.channels[:, of]
+        values[:, column] = np.where(there < 0, unsent, analogs[there] * pmu_places.scale[:, of])
+    values[:, system_pmus.FREQUENCY] = data.frequency[pmu_places.blocks]
+    values[:, system_pmus.ROCOF] = data.rocof[pmu_places.blocks]
+    words = data.status[pmu_places.blocks]
     return values, stat.status(words), stat.absent(words, values)

@@ -38,37 +38,37 @@ class Instant(NamedTuple):
     data: Data
 
 
-def stream(idcode: int, configuration: Configuration, header: str = "") -> Stream:
+def stream(idcode: int, announced: Configuration, header: str = "") -> Stream:
     """A stream of a configuration. Raises `FrameError` if a name or a frame is too long."""
-    one = Stream(idcode, configuration, data.layout(configuration), header)
+    new_stream = Stream(idcode, announced, data.layout(announced), header)
     for name in ANSWERS:
-        answers(one, name, 0, 0)
-    return one
+        answers(new_stream, name, 0, 0)
+    return new_stream
 
 
-def data_frame(stream: Stream, instant: Instant) -> bytes:
+def data_frame(served: Stream, instant: Instant) -> bytes:
     """A data frame."""
-    body = data.encode(stream.layout, instant.data)
-    return frame.encode(Frame("data", stream.idcode, instant.soc, instant.fraction, body, instant.quality))
+    body = data.encode(served.layout, instant.data)
+    return frame.encode(Frame("data", served.idcode, instant.soc, instant.fraction, body, instant.quality))
 
 
-def commanded(stream: Stream, raw: bytes) -> str:
+def commanded(served: Stream, raw: bytes) -> str:
     """The name of the command in bytes for a stream. Raises `FrameError` if there is none."""
-    found = frame.decode(raw)
-    if found.kind != "command":
-        raise FrameError(f"SYNC: a {found.kind} frame; allowed: commands (6.6)")
-    if found.idcode != stream.idcode:
-        raise FrameError(f"IDCODE: {found.idcode} given; allowed: {stream.idcode} (6.2)")
-    return frame.command_of(found)
+    command = frame.decode(raw)
+    if command.kind != "command":
+        raise FrameError(f"SYNC: a {command.kind} frame; allowed: commands (6.6)")
+    if command.idcode != served.idcode:
+        raise FrameError(f"IDCODE: {command.idcode} given; allowed: {served.idcode} (6.2)")
+    return frame.command_of(command)
 
 
-def answers(stream: Stream, name: str, soc: int, fraction: int) -> list[bytes]:
+def answers(served: Stream, name: str, soc: int, fraction: int) -> list[bytes]:
     """A server's answer to a command; empty for commands that start and stop data."""
     if name == "send_header":
-        return [frame.encode(Frame("header", stream.idcode, soc, fraction, stream.header.encode()))]
+        return [frame.encode(Frame("header", served.idcode, soc, fraction, served.header.encode()))]
     kind = ANSWERS.get(name)
-    bodies = [] if kind is None else configuration.encode(stream.configuration, kind)
-    return [frame.encode(Frame(kind or "", stream.idcode, soc, fraction, body)) for body in bodies]
+    bodies = [] if kind is None else configuration.encode(served.configuration, kind)
+    return [frame.encode(Frame(kind or "", served.idcode, soc, fraction, body)) for body in bodies]
 
 
 class Receiver:
@@ -94,38 +94,38 @@ class Receiver:
 
     def take(self, frames: Sequence[bytes]) -> list[Configuration | Instant | str]:
         """The same for whole frames, such as datagrams."""
-        found: list[Configuration | Instant | str] = []
+        contents: list[Configuration | Instant | str] = []
         for raw in frames:
             try:
-                made = self._read(frame.decode(raw))
+                content = self._read(frame.decode(raw))
             except FrameError as error:
                 self.refused[error.field] += 1
                 self.why = str(error)
             else:
-                found += [] if made is None else [made]
-        return found
+                contents += [] if content is None else [content]
+        return contents
 
-    def _read(self, frame: Frame) -> Configuration | Instant | str | None:
-        if self._idcode not in (None, frame.idcode):
-            raise FrameError(f"IDCODE: {frame.idcode} given; allowed: {self._idcode} (6.2)")
-        if frame.kind == "header":
-            return frame.body.decode(errors="replace")
-        if frame.kind == "data":
-            return self._instant(frame)
-        if frame.kind == "command":
+    def _read(self, received: Frame) -> Configuration | Instant | str | None:
+        if self._idcode not in (None, received.idcode):
+            raise FrameError(f"IDCODE: {received.idcode} given; allowed: {self._idcode} (6.2)")
+        if received.kind == "header":
+            return received.body.decode(errors="replace")
+        if received.kind == "data":
+            return self._instant(received)
+        if received.kind == "command":
             raise FrameError("CMD: a command from a server; allowed: data, headers, configurations (6.6)")
-        bodies = [frame.body]
-        if frame.kind == "configuration_3":
-            self.parts = bodies = self._part(frame.body)
+        bodies = [received.body]
+        if received.kind == "configuration_3":
+            self.parts = bodies = self._part(received.body)
             if not configuration.whole(bodies):
                 return None
             self.parts = []
-        made = configuration.decode(bodies, frame.kind)
-        if frame.kind == "configuration_1":  # it has the available channels, not those sent
+        decoded = configuration.decode(bodies, received.kind)
+        if received.kind == "configuration_1":  # it has the available channels, not those sent
             return None
-        self.layout, self.changed = data.layout(made), False
-        self._announced, self._known = self._announced and made == self._known, made
-        return made
+        self.layout, self.changed = data.layout(decoded), False
+        self._announced, self._known = self._announced and decoded == self._known, decoded
+        return decoded
 
     def _part(self, body: bytes) -> list[bytes]:
         """The parts of a configuration 3 so far; empty if one is out of order or there are too many."""
@@ -137,19 +137,21 @@ class Receiver:
             raise FrameError(f"CONT_IDX: {index} given; allowed: {len(before) + 1} to {MAX_PARTS}, or the last (6.4)")
         return [*before, body]
 
-    def _instant(self, frame: Frame) -> Instant | None:
+    def _instant(self, received: Frame) -> Instant | None:
         """The content of a data frame; None while the configuration is unknown or outdated."""
         if self.layout is None or self._known is None:
             return None
         try:
-            found = data.decode(self.layout, frame.body)
+            frame_data = data.decode(self.layout, received.body)
         except FrameError:
             self.changed = True
             raise
-        announced = bool((found.status & CHANGE).any())
+        announced = bool((frame_data.status & CHANGE).any())
         over, self._announced = self._announced and not announced, announced
         self.changed = self.changed or announced or over
         if over:
             self.layout = None  # the configuration is another one from this frame on
             return None
-        return Instant(frame.soc, frame.fraction * TIME_BASE // self._known.time_base, frame.quality, found)
+        return Instant(
+            received.soc, received.fraction * TIME_BASE // self._known.time_base, received.quality, frame_data
+        )

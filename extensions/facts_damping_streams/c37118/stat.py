@@ -21,24 +21,24 @@ MESSAGE_S = np.array([10.0**n for n in range(-9, 2)])  # MSG_TQ 1 to 11: within 
 FAULT = 15  # MSG_TQ: the time is unreliable
 
 
-def word(status: Int1, there: Bool1, error_s: Float1, unlocked_s: Float1) -> Int1:
+def word(bits: Int1, there: Bool1, error_s: Float1, unlocked_s: Float1) -> Int1:
     """STAT of PMUs, (PMUs,).
 
     `there`: whether a PMU has sent anything; `unlocked_s`: time since its clock lost UTC, 0: locked; `error_s`: largest
     clock error since then. For a locked clock the quality is 0: not estimated.
     """
-    wrong, tested = (status & DATA_ERROR) > 0, (status & TEST_MODE) > 0
+    wrong, tested = (bits & DATA_ERROR) > 0, (bits & TEST_MODE) > 0
     top = np.where(~there, ABSENT, np.where(wrong, DO_NOT_USE, np.where(tested, ABSENT, 0)))
     quality = np.where(unlocked_s > 0.0, 1 + np.searchsorted(ERRORS_S, error_s, side="right"), 0)
     unlocked = np.searchsorted(UNLOCKED_S, unlocked_s, side="right")
-    return np.asarray(top << 14 | status & COMMON | quality << 6 | unlocked << 4, np.int64)
+    return np.asarray(top << 14 | bits & COMMON | quality << 6 | unlocked << 4, np.int64)
 
 
 def status(words: Int1) -> Int1:
     """A frame's status bits from STAT, (PMUs,)."""
     top = words >> 14
-    found = np.where((top == NO_INFORMATION) | (top == DO_NOT_USE), DATA_ERROR, np.where(top == ABSENT, TEST_MODE, 0))
-    return np.asarray(found | words & COMMON, np.int64)
+    bits = np.where((top == NO_INFORMATION) | (top == DO_NOT_USE), DATA_ERROR, np.where(top == ABSENT, TEST_MODE, 0))
+    return np.asarray(bits | words & COMMON, np.int64)
 
 
 def absent(words: Int1, values: Float2) -> Bool1:

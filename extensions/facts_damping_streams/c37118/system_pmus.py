@@ -60,15 +60,15 @@ def configuration(
     first_idcode: int = 1,
 ) -> Configuration:
     """The stream of PMUs; formats as in `PmuConfiguration`; ranges: largest voltage and current in integers, p.u."""
-    made = []
+    configured = []
     for i, pmu in enumerate(pmus):
         voltage, current = _scale(ranges[0] * pmu.volts), _scale(ranges[1] * pmu.amperes)
         phasors = Phasor(PHASORS[0], scale=voltage), Phasor(PHASORS[1], current=True, scale=current)
         power = float(math.ceil(ranges[1] * pmu.base_mva * 1e3 / COUNTS))
         analogs = tuple(Analog(name, 1, scale) for name, scale in zip(ANALOGS, (power, power, 1.0), strict=True))
-        own = pmu.name, first_idcode + i, phasors, analogs
-        made.append(PmuConfiguration(*own, nominal_hz=nominal_hz, site=site or Site(), **formats))  # type: ignore[arg-type]
-    return Configuration(tuple(made), rate)
+        parts = pmu.name, first_idcode + i, phasors, analogs
+        configured.append(PmuConfiguration(*parts, nominal_hz=nominal_hz, site=site or Site(), **formats))  # type: ignore[arg-type]
+    return Configuration(tuple(configured), rate)
 
 
 def _scale(largest: float) -> float:

@@ -137,13 +137,13 @@ class Client:
         self._received_s, receiver = time.monotonic(), self.receiver
         receiver.lost_bytes += wire.dropped_bytes
         wire.dropped_bytes = 0
-        for one in receiver.take([received]) if self.server.kind == "udp" else receiver.feed(received):
-            if isinstance(one, Configuration):
-                self._answered, self._rate = True, max(1, self._rate, one.rate)
+        for content in receiver.take([received]) if self.server.kind == "udp" else receiver.feed(received):
+            if isinstance(content, Configuration):
+                self._answered, self._rate = True, max(1, self._rate, content.rate)
                 self._command(wire, "turn_on")
-            if not isinstance(one, str):
-                self._frames += isinstance(one, Instant)
-                self._tell(one)
+            if not isinstance(content, str):
+                self._frames += isinstance(content, Instant)
+                self._tell(content)
 
     def _ask(self, wire: _Tcp | _Udp, now: float) -> None:
         """Request the configuration from time to time; switches to the other kind if there is no answer."""
@@ -232,16 +232,16 @@ def _join(receiver: socket.socket, group: str, interface: str) -> None:
 
 def _listening(server: Server) -> socket.socket:
     """A socket that receives data sent to an address of this computer, or to a multicast group that it joins."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind((server.host, server.port))
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((server.host, server.port))
         if ip_address(server.host).is_multicast:
-            _join(made, server.host, "127.0.0.1")
+            _join(listener, server.host, "127.0.0.1")
             with suppress(OSError):  # this computer may have no other network
-                _join(made, server.host, "0.0.0.0")  # noqa: S104 (whichever interface leads there)
+                _join(listener, server.host, "0.0.0.0")  # noqa: S104 (whichever interface leads there)
     except OSError:
-        made.close()
+        listener.close()
         raise
-    made.setblocking(False)
-    return made
+    listener.setblocking(False)
+    return listener

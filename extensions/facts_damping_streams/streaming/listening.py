@@ -111,13 +111,13 @@ def _format(pmu: PmuConfiguration) -> str:
 
 async def listen(servers: Sequence[Server], seconds: float) -> list[ServerState]:
     """Data received from servers within `seconds`."""
-    found = [ServerState(one) for one in servers]
-    clients = [Client(one.server, one.take) for one in found]
+    states = [ServerState(server) for server in servers]
+    clients = [Client(state.server, state.take) for state in states]
     tasks = {asyncio.ensure_future(client.run()) for client in clients}
     await asyncio.wait(tasks, timeout=seconds)
     for task in tasks:
         task.cancel()
     await asyncio.wait(tasks, timeout=seconds)
-    for one, client in zip(found, clients, strict=True):
-        one.refused, one.why = dict(client.receiver.refused), client.receiver.why
-    return found
+    for state, client in zip(states, clients, strict=True):
+        state.refused, state.why = dict(client.receiver.refused), client.receiver.why
+    return states

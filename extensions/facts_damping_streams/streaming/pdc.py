@@ -55,14 +55,14 @@ class Pdc:
         if self._wait is None:
             numbers[:] = np.sort(numbers)[len(numbers) // 2] if len(numbers) else 0
         for number in np.unique(numbers).tolist():
-            own = rows[numbers == number]
-            self.alignment.put(number, PmuReport(own["pmu"], own["values"], own["status"]))
+            entries = rows[numbers == number]
+            self.alignment.put(number, PmuReport(entries["pmu"], entries["values"], entries["status"]))
         over = (int(numbers[0]) if len(numbers) else None) if self._wait is None else tick - self._wait
-        return [self._instant(one) for one in self.alignment.take(over)]
+        return [self._instant(aligned) for aligned in self.alignment.take(over)]
 
     def rest(self) -> list[Instant]:
         """Instants that still wait for other PMUs."""
-        return [self._instant(one) for one in self.alignment.take(sys.maxsize)]
+        return [self._instant(aligned) for aligned in self.alignment.take(sys.maxsize)]
 
     def _instant(self, aligned_frame: AlignedFrame) -> Instant:
         second, number = divmod(self._first + aligned_frame.instant, self._rate)
@@ -81,7 +81,7 @@ class Pdc:
 
 def _clocks(measurement: Measurement, grid: Sequence[Pmu]) -> tuple[Float1, Float1]:
     """Time at which each PMU's clock loses synchronism, ns, and its drift from then on, s/s."""
-    own = [measurement.pmus.get(one.name) for one in grid]
-    clocks = [measurement.clock if one is None or one.clock is None else one.clock for one in own]
+    errors = [measurement.pmus.get(pmu.name) for pmu in grid]
+    clocks = [measurement.clock if error is None or error.clock is None else error.clock for error in errors]
     lost = [NANOSECONDS * (0.0 if clock.lost is None else clock.lost) for clock in clocks]
     return np.array(lost), np.array([abs(clock.drift) for clock in clocks])

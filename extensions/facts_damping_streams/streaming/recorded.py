@@ -42,7 +42,7 @@ def instants(record: Record, pdc: Pdc, link: int | None = None) -> Iterator[Time
 def one_of(instant: Instant, i: int) -> Instant:
     """Part of an instant for PMU i alone."""
     d, phasors, analogs = instant.data, len(system_pmus.PHASORS), len(system_pmus.ANALOGS)
-    own = Data(
+    pmu_data = Data(
         d.status[i : i + 1],
         d.phasors[phasors * i : phasors * (i + 1)],
         d.frequency[i : i + 1],
@@ -50,7 +50,7 @@ def one_of(instant: Instant, i: int) -> Instant:
         d.analogs[analogs * i : analogs * (i + 1)],
         d.digitals,
     )
-    return instant._replace(data=own)
+    return instant._replace(data=pmu_data)
 
 
 async def play(servers: Sequence[Server], timed: Iterator[Timed], *, each: bool) -> None:

@@ -59,8 +59,8 @@ class Server:
             if tcp is not None:
                 self._tcp = await asyncio.start_server(self._serve, *tcp)
             if udp is not None or fixed:
-                made = await loop.create_datagram_endpoint(lambda: _Datagrams(self), local_addr=udp or ("0.0.0.0", 0))  # noqa: S104 (answers come to where commands went)
-                self._udp = made[0]
+                pair = await loop.create_datagram_endpoint(lambda: _Datagrams(self), local_addr=udp or ("0.0.0.0", 0))  # noqa: S104 (answers come to where commands went)
+                self._udp = pair[0]
         except OSError as error:
             raise RunError(
                 f"{tcp or udp}: {one_line(error)}; allowed: an address of this computer and a free port"
@@ -82,7 +82,7 @@ class Server:
         """Send a data frame to all receivers; clients too far behind are dropped."""
         raw = session.data_frame(self.stream, instant)
         self.counts.frames += 1
-        for client in [one for one, on in self._clients.items() if on]:
+        for client in [writer for writer, on in self._clients.items() if on]:
             if not self._too_slow(client):
                 client.write(raw)
         if self._udp is not None:
@@ -146,8 +146,8 @@ class Server:
         answers, turned = self.answer(raw)
         self._ask(address, turned)
         if self._udp is not None:
-            for one in answers:
-                self._udp.sendto(one, address)
+            for answer in answers:
+                self._udp.sendto(answer, address)
 
     def _ask(self, address: Address, turned: bool | None) -> None:
         """Add an address that turned data on by UDP, or remove it."""

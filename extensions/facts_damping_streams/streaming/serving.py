@@ -37,20 +37,20 @@ def servers(case: Case, asked: Serving, now: Callable[[], tuple[int, int]]) -> l
     """The servers, not yet started; `now`: time of their answers. Raises `InputError`."""
     grid, rate, measured = grid_pmus(case), case.run.frame_rate, case.measurement
     if asked.idcode + len(grid) > MAX_ID:
-        given = f"idcode: {asked.idcode} given with {len(grid)} PMUs"
-        raise InputError(f"{given}; allowed: 1 to {MAX_ID - len(grid)}")
+        problem = f"idcode: {asked.idcode} given with {len(grid)} PMUs"
+        raise InputError(f"{problem}; allowed: 1 to {MAX_ID - len(grid)}")
     formats, ranges = _formats(asked.format), (measured.voltage_range, measured.current_range)
     late, sample = round(1e6 * case.filter.delay / rate), 1e6 / (rate * case.filter.per_frame)
     service, window = "P" if measured.filter == "p_class" else "M", round(2 * case.filter.side * sample)
     site = Site(service_class=service, window_us=window, group_delay_us=late)
-    made = []
+    built = []
     for i, group in enumerate([[pmu] for pmu in grid] if asked.each else [grid]):
-        own = asked.idcode + i
-        pmu = own if asked.each else own + 1
-        one = system_pmus.configuration(group, rate, round(case.system.frequency), formats, site, ranges, pmu)
+        number = asked.idcode + i
+        pmu = number if asked.each else number + 1
+        configured = system_pmus.configuration(group, rate, round(case.system.frequency), formats, site, ranges, pmu)
         text = f"{case.system.name}: {', '.join(pmu.name for pmu in group)}"
-        made.append(Server(session.stream(own, one, text), now))
-    return made
+        built.append(Server(session.stream(number, configured, text), now))
+    return built
 
 
 def _formats(text: str | None) -> dict[str, bool]:
@@ -61,10 +61,10 @@ def _formats(text: str | None) -> dict[str, bool]:
     return {name: name in names for name in FORMATS}
 
 
-async def begin(servers: Sequence[Server], asked: Serving) -> list[str]:
+async def begin(stream_servers: Sequence[Server], asked: Serving) -> list[str]:
     """Open the servers' ports; returns a line per stream with its address. Raises `InputError`, `RunError`."""
     targets, lines = [await _address(text, asked.host) for text in asked.to], []
-    for i, server in enumerate(servers):
+    for i, server in enumerate(stream_servers):
         at = (asked.host, asked.port + i if asked.port else 0)
         await server.begin(at, at, targets)
         stream = server.stream
@@ -80,18 +80,18 @@ async def _address(text: str, source: str) -> Address:
         raise InputError(f"to: '{text}' given; allowed: HOST:PORT")
     try:
         loop = asyncio.get_running_loop()
-        found = (await loop.getaddrinfo(host, int(port), family=socket.AF_INET, type=socket.SOCK_DGRAM))[0][4]
+        resolved = (await loop.getaddrinfo(host, int(port), family=socket.AF_INET, type=socket.SOCK_DGRAM))[0][4]
     except (OSError, UnicodeError) as error:
         raise InputError(f"to: '{text}' given: {one_line(error)}; allowed: HOST:PORT of a host that is known") from None
-    there = ip_address(found[0])
+    there = ip_address(resolved[0])
     if source.startswith("127.") and not (there.is_loopback or there.is_multicast):
         raise InputError(f"to: '{text}' given with host {source}; allowed: this computer, groups; or another host")
-    return str(found[0]), int(port)
+    return str(resolved[0]), int(port)
 
 
-def counted(servers: Sequence[Server]) -> list[dict[str, Any]]:
+def counted(stream_servers: Sequence[Server]) -> list[dict[str, Any]]:
     """Counters of sent and refused frames, one row per stream."""
-    rows = [{"idcode": one.stream.idcode, **vars(one.counts)} for one in servers]
+    rows = [{"idcode": server.stream.idcode, **vars(server.counts)} for server in stream_servers]
     return [{**row, "refused": dict(row["refused"])} for row in rows]
 
 

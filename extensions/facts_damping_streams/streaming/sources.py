@@ -49,7 +49,7 @@ class Sources:
         self._unsaid = 0
         self.wrong = False  # whether the last message reports an error
         for name in streams.pmus:
-            check_known("pmus", name, [one.name for one in self.grid])
+            check_known("pmus", name, [pmu.name for pmu in self.grid])
 
     def take(self, i: int, at_s: float, what: Configuration | Instant | Lost) -> str:
         """Process data of server i at a time of this computer's clock. Returns a message for the user, or none."""
@@ -78,15 +78,15 @@ class Sources:
         return "" if known == str(what) else f"{self.servers[i]}: {what}"
 
     def _instant(self, i: int, at_s: float, what: Instant) -> None:
-        found = self._places[i]
-        if found is None:
+        server_places = self._places[i]
+        if server_places is None:
             return
-        values, status, absent = mapping.values_of(found, what.data)
+        values, status, absent = mapping.values_of(server_places, what.data)
         if what.quality & stat.FAULT == stat.FAULT:
             status |= UNSYNCHRONISED
         rate = self._case.run.frame_rate
         number = what.soc * rate + round(what.fraction * rate / TIME_BASE)
-        self.following.put(number, PmuReport(found.pmus, values, status, absent), at_s)
+        self.following.put(number, PmuReport(server_places.pmus, values, status, absent), at_s)
 
     def _configuration(self, i: int, what: Configuration) -> str:
         """Use a configuration if it fits; otherwise the server's PMUs are absent until one does."""
@@ -106,7 +106,9 @@ class Sources:
             text = f"{self.servers[i]}: {len(what.pmus)} PMUs, {what.rate} frames/s; PMUs: {names}"
         if self.following.first is None:
             sound = [
-                c for c, found in zip(self._known, self._places, strict=True) if c is not None and found is not None
+                c
+                for c, server_places in zip(self._known, self._places, strict=True)
+                if c is not None and server_places is not None
             ]
             self.following.ahead = latency(sound, self._case.run.frame_rate)
         self._await()
@@ -114,21 +116,23 @@ class Sources:
 
     def _placed(self, i: int, c: Configuration) -> Places:
         """PMUs of a server and their places in its data. Raises InputError if another server has one of them."""
-        made = mapping.places(c, self.grid, self._streams.pmus)
+        placed = mapping.places(c, self.grid, self._streams.pmus)
         for j, other in enumerate(self._places):
-            twice = [] if other is None or j == i else np.intersect1d(made.pmus, other.pmus).tolist()
+            twice = [] if other is None or j == i else np.intersect1d(placed.pmus, other.pmus).tolist()
             if twice:
-                given = f"PMU {self.grid[twice[0]].name}: in this stream and in {self.servers[j]}"
-                raise InputError(f"{given}; allowed: each PMU in one")
-        return made
+                problem = f"PMU {self.grid[twice[0]].name}: in this stream and in {self.servers[j]}"
+                raise InputError(f"{problem}; allowed: each PMU in one")
+        return placed
 
     def _await(self) -> None:
         self.following.alignment.awaited[:] = False
         self.following.alignment.awaited[self._of(i for i in range(len(self.servers)) if i not in self._down)] = True
 
     def _of(self, servers: Iterable[int]) -> NDArray[np.intp]:
-        found = [self._places[i] for i in servers]
-        return np.sort(np.concatenate([np.zeros(0, np.intp), *(one.pmus for one in found if one is not None)]))
+        placed = [self._places[i] for i in servers]
+        return np.sort(
+            np.concatenate([np.zeros(0, np.intp), *(places.pmus for places in placed if places is not None)])
+        )
 
     def _check(self, c: Configuration) -> None:
         """Raise InputError for a stream that does not fit the run's grid."""
@@ -137,8 +141,8 @@ class Sources:
             raise InputError(f"DATA_RATE: {c.rate} frames/s given; allowed: {rate}, the run's frame_rate")
         slow = next((pmu for pmu in c.pmus if pmu.site.group_delay_us > 1e6 * JUMP_S), None)
         if slow is not None:
-            given = f"GRP_DLY: {slow.site.group_delay_us / 1e6:g} s given by {slow.name}"
-            raise InputError(f"{given}; allowed: 0 to {JUMP_S:g} s")
+            problem = f"GRP_DLY: {slow.site.group_delay_us / 1e6:g} s given by {slow.name}"
+            raise InputError(f"{problem}; allowed: 0 to {JUMP_S:g} s")
         other = next((pmu for pmu in c.pmus if pmu.nominal_hz != nominal), None)
         if other is not None:
             raise InputError(f"FNOM: {other.nominal_hz} Hz given by {other.name}; allowed: {nominal} Hz, the system's")
@@ -164,7 +168,11 @@ class Sources:
         lacking, unknown = known[~self._seen[known]], np.setdiff1d(np.arange(len(self.grid)), known)
         return [
             *(f"{self.servers[i]}: {why}" for i, why in self._down.items()),
-            *(f"{one.server}: {one.receiver.why}" for one in self.clients if one.receiver.why and one.receiver.changed),
+            *(
+                f"{client.server}: {client.receiver.why}"
+                for client in self.clients
+                if client.receiver.why and client.receiver.changed
+            ),
             *([f"absent: {self._names(lacking)}"] if lacking.size else []),
             *([f"in no stream: {self._names(unknown)}"] if unknown.size else []),
         ]
@@ -177,6 +185,6 @@ class Sources:
             "late_entries": self.following.alignment.late,
             "moved_stamps": self.following.moved,
             "omitted_messages": self._unsaid,
-            "refused_frames": sum(sum(one.refused.values()) for one in receivers),
-            "lost_bytes": sum(one.lost_bytes for one in receivers),
+            "refused_frames": sum(sum(receiver.refused.values()) for receiver in receivers),
+            "lost_bytes": sum(receiver.lost_bytes for receiver in receivers),
         }

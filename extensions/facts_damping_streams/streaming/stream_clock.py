@@ -63,17 +63,17 @@ class Alignment:
             n = len(self.awaited)
             empty = np.full((n, len(CHANNELS)), np.nan), np.zeros(n, np.int64), np.zeros(n, bool), np.zeros(n, bool)
             self._open[instant] = AlignedFrame(instant, *empty)
-        one, where = self._open[instant], report.where
-        one.values[where], one.status[where], one.reported[where] = report.values, report.status, True
-        one.there[where] = True if report.absent is None else ~report.absent
+        frame, where = self._open[instant], report.where
+        frame.values[where], frame.status[where], frame.reported[where] = report.values, report.status, True
+        frame.there[where] = True if report.absent is None else ~report.absent
         return True
 
     def take(self, over: int | None = None) -> Iterator[AlignedFrame]:
         """Instants that are complete or over; `over`: the newest one whose time is over."""
         for instant in sorted(self._open):
-            one = self._open[instant]
+            frame = self._open[instant]
             follows = self._given is None or instant == self._given + 1
-            whole = follows and one.reported[self.awaited].all()
+            whole = follows and frame.reported[self.awaited].all()
             if not whole and (over is None or instant > over):
                 break
             self._given = instant
@@ -149,9 +149,9 @@ class Following:
         if self.first is None:
             return
         over = math.floor((now_s - self._due_s - self._wait_s) * self._rate)
-        for one in self.alignment.take(over + self.first - self.ahead):
-            yield from self._empty(self.tick(one.instant))
-            yield Tick(self.next, one)
+        for frame in self.alignment.take(over + self.first - self.ahead):
+            yield from self._empty(self.tick(frame.instant))
+            yield Tick(self.next, frame)
             self.next += 1
         yield from self._empty(over + 1)
 

@@ -77,8 +77,8 @@ def score(
     refuse_within()
     jobs = jobs or os.cpu_count() or 1
     case_set = cards.read_set(cases)
-    own = candidates(case_set, plain(controller), against)
+    entrants = candidates(case_set, plain(controller), against)
     with Progress("score", "cases", shown=progress) as shown:
-        made = cards.cards_of(case_set, own, jobs, shown)
-    made = with_worst(case_set, made, own, hunt, jobs)
-    return Score(made[0], made[1:], case_set)
+        measured_cards = cards.cards_of(case_set, entrants, jobs, shown)
+    hunted_cards = with_worst(case_set, measured_cards, entrants, hunt, jobs)
+    return Score(hunted_cards[0], hunted_cards[1:], case_set)

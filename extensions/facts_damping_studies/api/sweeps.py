@@ -96,13 +96,13 @@ def sweep(
     refuse_within()
     if isinstance(study, dict):
         content = plain(study)
-        made = studies.planned(check(Study, content, "study"), "study", "study", dump(content))
+        plan = studies.planned(check(Study, content, "study"), "study", "study", dump(content))
     else:
-        made = studies.plan(str(study), [])
-    shown = Progress(made.name, "runs", shown=progress)
+        plan = studies.plan(str(study), [])
+    shown = Progress(plan.name, "runs", shown=progress)
     with TemporaryDirectory() as passing:
         try:
-            found = studies.run(made, Path(out or passing), jobs or os.cpu_count() or 1, None, shown)
+            states = studies.run(plan, Path(out or passing), jobs or os.cpu_count() or 1, None, shown)
         finally:
             shown.close()
-    return Sweep(made.name, studies.rows(found), studies.found_margins(made, found), made)
+    return Sweep(plan.name, studies.rows(states), studies.found_margins(plan, states), plan)

@@ -30,14 +30,14 @@ class Actions(NamedTuple):
 
 def doings(record: Record, start_s: float) -> Actions:
     """Actions of the first controller's supervisor in a run whose fault starts at a time, s."""
-    own = record.supervision[record.supervision["controller"] == 0]
-    time_s = (own["tick"] + 1) / record.frame_rate  # a verdict is available at the end of a tick
-    first = {state: _first(own["state"] == state, time_s) for state in (ARMED, FALLBACK, TRIPPED)}
-    tripped = own[own["state"] == TRIPPED]
+    statuses = record.supervision[record.supervision["controller"] == 0]
+    time_s = (statuses["tick"] + 1) / record.frame_rate  # a verdict is available at the end of a tick
+    first = {state: _first(statuses["state"] == state, time_s) for state in (ARMED, FALLBACK, TRIPPED)}
+    tripped = statuses[statuses["state"] == TRIPPED]
     left = [t for t in (first[FALLBACK], first[TRIPPED]) if t is not None]
     after = [t - start_s for t in left if t >= start_s]
-    fallen = own[own["state"] == FALLBACK]
-    refused = own["refused"][own["refused"] != NO_CAUSE]
+    fallen = statuses[statuses["state"] == FALLBACK]
+    refused = statuses["refused"][statuses["refused"] != NO_CAUSE]
     return Actions(
         armed_s=first[ARMED],
         fallback_s=first[FALLBACK],
@@ -45,7 +45,7 @@ def doings(record: Record, start_s: float) -> Actions:
         cause=cause_name(int(tripped["cause"][0])) if len(tripped) else None,
         fallback_cause=cause_name(int(fallen["cause"][0])) if len(fallen) else None,
         not_armed=cause_name(int(refused[0])) if len(refused) and first[ARMED] is None else None,
-        reversals=float(own["values"][:, CODES["reversals"]].max(initial=0.0)),
+        reversals=float(statuses["values"][:, CODES["reversals"]].max(initial=0.0)),
         early=any(t < start_s for t in left),
         detected_s=min(after, default=None),
     )

@@ -89,18 +89,18 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
     campaign = campaign.model_copy(update={name: count for name, count in asked.items() if count is not None})
     for fault in campaign.faults:
         check_known(f"{path}: faults", fault, list(FAULTS))
-    contents = {base_run: read_run(one.run) for base_run, one in campaign.base_runs.items()}
+    contents = {base_run: read_run(base.run) for base_run, base in campaign.base_runs.items()}
     changed, _ = read_sets(sets)
     campaign = _without_lists(campaign, changed)
     rests_on = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
     digest = hashlib.sha256(json.dumps(rests_on, sort_keys=True, default=str).encode()).hexdigest()
-    made = CampaignPlan(path.stem, read_text(path), campaign, contents, changed, digest)
+    campaign_plan = CampaignPlan(path.stem, read_text(path), campaign, contents, changed, digest)
     try:
         for base_run in campaign.base_runs:
-            _check(made, base_run)
+            _check(campaign_plan, base_run)
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
-    return made
+    return campaign_plan
 
 
 def _without_lists(campaign: Campaign, changed: dict[str, Any]) -> Campaign:
@@ -109,29 +109,31 @@ def _without_lists(campaign: Campaign, changed: dict[str, Any]) -> Campaign:
     def chosen(choices: dict[str, dict[str, Any]]) -> bool:
         paths = [path for fields in choices.values() for path in fields]
         return not paths or any(
-            all(path != own and not path.startswith(f"{own}.") for own in changed) for path in paths
+            all(path != set_path and not path.startswith(f"{set_path}.") for set_path in changed) for path in paths
         )
 
-    kept = {
-        name: one.model_copy(update={"choose": {of: given for of, given in one.choose.items() if chosen(given)}})
-        for name, one in campaign.base_runs.items()
+    base_runs = {
+        name: base.model_copy(
+            update={"choose": {of: choices for of, choices in base.choose.items() if chosen(choices)}}
+        )
+        for name, base in campaign.base_runs.items()
     }
-    return campaign.model_copy(update={"base_runs": kept})
+    return campaign.model_copy(update={"base_runs": base_runs})
 
 
-def _check(plan: CampaignPlan, base_run: str) -> None:
+def _check(campaign_plan: CampaignPlan, base_run: str) -> None:
     """Raise `InputError` if a base run is impossible with any single choice, with the first of all other lists."""
-    lists = plan.campaign.base_runs[base_run].choose
+    lists = campaign_plan.campaign.base_runs[base_run].choose
     first = {name: next(iter(choices)) for name, choices in lists.items()}
     for labels in [first, *(first | {name: label} for name, choices in lists.items() for label in choices)]:
-        changes = {**plan.set, **_chosen(plan.campaign.base_runs[base_run], labels)}
-        if _case(plan, base_run, changes).supervision is None:
+        changes = {**campaign_plan.set, **_chosen(campaign_plan.campaign.base_runs[base_run], labels)}
+        if _case(campaign_plan, base_run, changes).supervision is None:
             raise InputError(f"base_runs.{base_run}: a run without supervision given; allowed: one with `supervision`")
 
 
-def _case(plan: CampaignPlan, base_run: str, changes: dict[str, Any]) -> Case:
-    content, source = plan.contents[base_run]
-    return changed_case(deepcopy(content), source, {**plan.campaign.base_runs[base_run].set, **changes})
+def _case(campaign_plan: CampaignPlan, base_run: str, changes: dict[str, Any]) -> Case:
+    content, source = campaign_plan.contents[base_run]
+    return changed_case(deepcopy(content), source, {**campaign_plan.campaign.base_runs[base_run].set, **changes})
 
 
 def _chosen(base_run: BaseRun, labels: dict[str, str]) -> dict[str, Any]:
@@ -149,32 +151,40 @@ def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
 
     For `real` graphs, faults applied to nodes are as likely as all others together; some apply to graphs only.
     """
-    given = campaign.faults or {name: 1.0 for name in FAULTS if name != NOTHING}
-    found = {name: weight for name, weight in given.items() if real or name not in ONLY_REAL}
+    fault_weights = campaign.faults or {name: 1.0 for name in FAULTS if name != NOTHING}
+    allowed_weights = {name: weight for name, weight in fault_weights.items() if real or name not in ONLY_REAL}
     if real:
-        done = sum(weight for name, weight in found.items() if FAULTS[name].real)
-        others = sum(found.values()) - done
+        done = sum(weight for name, weight in allowed_weights.items() if FAULTS[name].real)
+        others = sum(allowed_weights.values()) - done
         more = max(1.0, others / done) if done else 1.0
-        found = {name: weight * (more if FAULTS[name].real else 1.0) for name, weight in found.items()}
-    failing = sum(weight for name, weight in found.items() if name != NOTHING)
+        allowed_weights = {
+            name: weight * (more if FAULTS[name].real else 1.0) for name, weight in allowed_weights.items()
+        }
+    failing = sum(weight for name, weight in allowed_weights.items() if name != NOTHING)
     healthy = campaign.healthy / (1.0 - campaign.healthy) * failing if campaign.healthy < 1.0 else 1.0
-    return {NOTHING: healthy, **({} if campaign.healthy == 1.0 else found)} if campaign.healthy else found
+    return (
+        {NOTHING: healthy, **({} if campaign.healthy == 1.0 else allowed_weights)}
+        if campaign.healthy
+        else allowed_weights
+    )
 
 
-def draw(plan: CampaignPlan, number: int, *, real: bool = False) -> Draw:
+def draw(campaign_plan: CampaignPlan, number: int, *, real: bool = False) -> Draw:
     """A draw of a campaign by its number; always the same for the same number."""
-    random = np.random.default_rng((plan.campaign.seed, number))
-    return drawn(plan, number, choose(plan, random, real=real), random, real=real)
+    random = np.random.default_rng((campaign_plan.campaign.seed, number))
+    return drawn(campaign_plan, number, choose(campaign_plan, random, real=real), random, real=real)
 
 
-def choose(plan: CampaignPlan, random: Source, *, real: bool = False) -> Choice:
+def choose(campaign_plan: CampaignPlan, random: Source, *, real: bool = False) -> Choice:
     """Choose base run, labels, fault, its time, and the seed."""
-    campaign = plan.campaign
+    campaign = campaign_plan.campaign
     base_run = list(campaign.base_runs)[int(random.integers(len(campaign.base_runs)))]
     lists = campaign.base_runs[base_run].choose
     chosen = {name: list(choices)[int(random.integers(len(choices)))] for name, choices in lists.items()}
-    given = weights(campaign, real=real)
-    fault = str(random.choice(list(given), p=np.array(list(given.values())) / sum(given.values())))
+    fault_weights = weights(campaign, real=real)
+    fault = str(
+        random.choice(list(fault_weights), p=np.array(list(fault_weights.values())) / sum(fault_weights.values()))
+    )
     low, high = campaign.window
     high = max(low, min(high, campaign.graph_duration - GRAPH_AFTER_S)) if real else high
     start, lasts = round(random.uniform(low, high), 3), round(float(10 ** random.uniform(-1.0, 1.0)), 3)
@@ -182,49 +192,52 @@ def choose(plan: CampaignPlan, random: Source, *, real: bool = False) -> Choice:
     return Choice(base_run, chosen, fault, start, duration, int(random.integers(2**31)))
 
 
-def drawn(plan: CampaignPlan, number: int, choice: Choice, random: Source, *, real: bool = False) -> Draw:
+def drawn(campaign_plan: CampaignPlan, number: int, choice: Choice, random: Source, *, real: bool = False) -> Draw:
     """The draw of a choice; `random` gives the sizes of its fault."""
     base_run, chosen, fault, start, duration, seed = choice
-    changes = {**plan.set, **_chosen(plan.campaign.base_runs[base_run], chosen)}
+    changes = {**campaign_plan.set, **_chosen(campaign_plan.campaign.base_runs[base_run], chosen)}
     changes |= {} if seed is None else {"seed": seed}
     if real:
-        changes["duration"] = plan.campaign.graph_duration
-    case = _case(plan, base_run, changes)
+        changes["duration"] = campaign_plan.campaign.graph_duration
+    case = _case(campaign_plan, base_run, changes)
     changes |= FAULTS[fault].draw(Chance(random, start, duration, case))
     lasts = {"lasts": "" if duration is None else f"{duration:g}"}
     return Draw(number, base_run, changes, fault, start, chosen | lasts)
 
 
-def healthy(plan: CampaignPlan, drawn: Draw) -> Draw:
+def healthy(campaign_plan: CampaignPlan, sample: Draw) -> Draw:
     """A draw without its fault, which is applied to the nodes of a graph instead."""
-    kept: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
-    chosen = _chosen(plan.campaign.base_runs[drawn.base_run], drawn.chosen)
-    return drawn._replace(changes={**plan.set, **chosen, **kept})
+    run_fields: dict[str, Any] = {name: sample.changes[name] for name in ("seed", "duration") if name in sample.changes}
+    chosen = _chosen(campaign_plan.campaign.base_runs[sample.base_run], sample.chosen)
+    return sample._replace(changes={**campaign_plan.set, **chosen, **run_fields})
 
 
-def case_of(plan: CampaignPlan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:
+def case_of(campaign_plan: CampaignPlan, sample: Draw, more: dict[str, Any] | None = None) -> Case:
     """The case of a draw, with optional further changes."""
-    return _case(plan, drawn.base_run, {**drawn.changes, **(more or {})})
+    return _case(campaign_plan, sample.base_run, {**sample.changes, **(more or {})})
 
 
-def run_file(plan: CampaignPlan, drawn: Draw, what: str = "Draw") -> str:
+def run_file(campaign_plan: CampaignPlan, sample: Draw, what: str = "Draw") -> str:
     """A draw as a run file: everything inline. `what`: how the number is called."""
-    document = case_of(plan, drawn).document()
-    kept = {name: value for name, value in document.items() if value is not None and name != "asked"}
-    return f"# {what} {drawn.number} of the campaign {plan.name}: {drawn.fault} at {drawn.start:g} s.\n" + dump(kept)
+    document = case_of(campaign_plan, sample).document()
+    fields = {name: value for name, value in document.items() if value is not None and name != "asked"}
+    return (
+        f"# {what} {sample.number} of the campaign {campaign_plan.name}: {sample.fault} at {sample.start:g} s.\n"
+        + dump(fields)
+    )
 
 
-def one_draw(plan: CampaignPlan, number: int) -> tuple[str, DrawRow]:
+def one_draw(campaign_plan: CampaignPlan, number: int) -> tuple[str, DrawRow]:
     """Key and row of a draw; a failed draw has a row too, with the reason in `error`."""
     row = DrawRow(number, error=None)
     try:
-        drawn = draw(plan, number)
+        drawn = draw(campaign_plan, number)
         row = replace(row, drawn=identity(drawn))
-        case = case_of(plan, drawn)
+        case = case_of(campaign_plan, drawn)
         row = replace(row, law=law_of(case), horizon_s=case.duration)
-        reference = uncontrolled(plan, drawn)
+        reference = uncontrolled(campaign_plan, drawn)
         row = replace(row, judgement=judged(case, loop.run(case), reference, drawn))
-        if plan.campaign.unsupervised:
+        if campaign_plan.campaign.unsupervised:
             free = invariants.beside(loop.run(unsupervised(case)), reference)
             row = replace(row, unsupervised=free.controlled)
     except FactsDampingError as error:
@@ -234,10 +247,10 @@ def one_draw(plan: CampaignPlan, number: int) -> tuple[str, DrawRow]:
     return str(number), row
 
 
-def identity(drawn: Draw) -> DrawnFault:
+def identity(sample: Draw) -> DrawnFault:
     """What was drawn; the controller is known by its name (`law_of`)."""
-    fault, labels = FAULTS[drawn.fault], {name: label for name, label in drawn.chosen.items() if name != "controller"}
-    return DrawnFault(drawn.base_run, drawn.fault, fault.group, fault.wrong, drawn.start, labels)
+    fault, labels = FAULTS[sample.fault], {name: label for name, label in sample.chosen.items() if name != "controller"}
+    return DrawnFault(sample.base_run, sample.fault, fault.group, fault.wrong, sample.start, labels)
 
 
 def law_of(case: Case) -> Law:
@@ -245,48 +258,50 @@ def law_of(case: Case) -> Law:
     return Law(case.controllers[0].name, case.controllers[0].scheme)
 
 
-def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int = 0) -> Judgement:
+def judged(case: Case, record: Record, reference: Record, sample: Draw, late: int = 0) -> Judgement:
     """Actions of the supervisor, invariants, and figures relative to no control.
 
     `late`: largest number of ticks by which setpoints acted too late (`invariants.late_ticks`).
     """
-    did, effect = actions.doings(record, drawn.start), invariants.beside(record, reference)
+    did, effect = actions.doings(record, sample.start), invariants.beside(record, reference)
     return Judgement(did, effect, bool(record.devices["released"].any()), invariants.alone(case, record, late))
 
 
-def uncontrolled(plan: CampaignPlan, drawn: Draw) -> Record:
+def uncontrolled(campaign_plan: CampaignPlan, sample: Draw) -> Record:
     """The same run without control: only the plant and its events matter."""
-    plain = {path: value for path, value in drawn.changes.items() if path.partition(".")[0] in OF_PLANT}
-    key = json.dumps([plan.fingerprint, drawn.base_run, plain], default=str, sort_keys=True)
-    content, source = plan.contents[drawn.base_run]
+    plain = {path: value for path, value in sample.changes.items() if path.partition(".")[0] in OF_PLANT}
+    key = json.dumps([campaign_plan.fingerprint, sample.base_run, plain], default=str, sort_keys=True)
+    content, source = campaign_plan.contents[sample.base_run]
     whole = {"link": "ideal", "measurement": "ideal", **UNCONTROLLED}
-    usual = plan.campaign.base_runs[drawn.base_run].set
-    kept = {path: value for path, value in usual.items() if path.partition(".")[0] not in whole}
-    changes = {**kept, **whole, **plain}
+    usual = campaign_plan.campaign.base_runs[sample.base_run].set
+    usual_fields = {path: value for path, value in usual.items() if path.partition(".")[0] not in whole}
+    changes = {**usual_fields, **whole, **plain}
     return shared(_uncontrolled, key, lambda: loop.run(changed_case(deepcopy(content), source, changes)))
 
 
-def run(plan: CampaignPlan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[DrawRow]:
+def run(
+    campaign_plan: CampaignPlan, folder: Path, jobs: int, scheduler: str | None, progress: Progress
+) -> list[DrawRow]:
     """The rows of all draws; only those missing in the folder are made.
 
     Draws that violate an invariant are written as run files. Raises `InputError` if the folder belongs to another
     campaign, `RunError` if the draws cannot continue.
     """
-    campaign = plan.campaign
+    campaign = campaign_plan.campaign
     with (
         workers(jobs, scheduler) as each,
-        Journal(new_folder(folder) / JOURNAL, plan.fingerprint, DrawRow.read) as journal,
+        Journal(new_folder(folder) / JOURNAL, campaign_plan.fingerprint, DrawRow.read) as journal,
     ):
-        write_whole(folder / COPY, plan.text)
+        write_whole(folder / COPY, campaign_plan.text)
         todo = [number for number in range(campaign.draws) if str(number) not in journal.rows]
         progress.resume(len(journal.rows))
         progress(campaign.draws - len(todo), campaign.draws)
-        for done, (key, row) in enumerate(each(partial(one_draw, plan), todo), campaign.draws - len(todo) + 1):
+        for done, (key, row) in enumerate(each(partial(one_draw, campaign_plan), todo), campaign.draws - len(todo) + 1):
             journal.append(key, row)
             progress(done, campaign.draws)
         rows = [journal.rows[str(number)] for number in range(campaign.draws)]
     for row in rows:
         if not row.holds:
-            text = run_file(plan, draw(plan, row.number))
+            text = run_file(campaign_plan, draw(campaign_plan, row.number))
             write_whole(new_folder(folder / FAILED) / f"{row.number}.yaml", text)
     return rows

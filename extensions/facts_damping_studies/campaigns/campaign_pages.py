@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 def page(plan: CampaignPlan, rows: Rows, graphs: Rows, command: str) -> str:
     """The page of a campaign: the text beside its file, or a default one, with the tables inserted."""
     folder = share_folder() / "config" / "campaigns"
-    own = folder / f"{plan.name}.md"
-    text = (own if own.is_file() else folder / "any.md").read_text(encoding="utf-8")
+    page_path = folder / f"{plan.name}.md"
+    text = (page_path if page_path.is_file() else folder / "any.md").read_text(encoding="utf-8")
     about = {"name": [plan.name], "description": [plan.campaign.description], "command": [f"    {command}"]}
-    tables = {key: found.markdown() for key, found in sections(rows, graphs).items()}
+    tables = {key: table.markdown() for key, table in sections(rows, graphs).items()}
     for key, lines in {**about, **tables, "counts": [f"{counts(rows)}."]}.items():
         text = text.replace(f"{{{{{key}}}}}", "\n".join(lines) or "None was made.")
     return text
@@ -48,27 +48,27 @@ def page(plan: CampaignPlan, rows: Rows, graphs: Rows, command: str) -> str:
 def write_tables(rows: Rows, graphs: Rows, folder: Path) -> list[Path]:
     """Every table that has a row, as CSV: `table_faults.csv` and so on (docs/supervision_results.md)."""
     paths = []
-    for name, found in sections(rows, graphs).items():
-        if found.rows:
+    for name, table in sections(rows, graphs).items():
+        if table.rows:
             paths.append(folder / f"table_{name}.csv")
-            write_whole(paths[-1], as_csv(found.titles, found.rows))
+            write_whole(paths[-1], as_csv(table.titles, table.rows))
     return paths
 
 
 def overview(rows: Rows, graphs: Rows) -> list[str]:
     """Summary for a terminal."""
-    found = sections(rows, graphs)
+    tables = sections(rows, graphs)
     shown = [counts(rows)]
     for name in ("invariants", "outcomes", "healthy"):
-        shown += [*found[name].markdown(), ""]
-    return [*shown, f"{len(graphs)} graphs", *found["graphs"].markdown()] if graphs else shown[:-1]
+        shown += [*tables[name].markdown(), ""]
+    return [*shown, f"{len(graphs)} graphs", *tables["graphs"].markdown()] if graphs else shown[:-1]
 
 
 def sections(rows: Rows, graphs: Rows) -> dict[str, Table]:
     """All tables of a campaign, by name."""
     good = [row for row in rows if row.error is None]
     wrong = [row for row in good if row.drawn.wrong]
-    found = {
+    tables = {
         "invariants": invariant_table(good),
         "outcomes": outcome_table(good),
         "healthy": healthy_table(good),
@@ -82,7 +82,7 @@ def sections(rows: Rows, graphs: Rows) -> dict[str, Table]:
         "grid": grid_table(good if any(row.unsupervised is not None for row in good) else []),
     }
     sound = [row for row in graphs if row.error is None]
-    return found | {"graphs": invariant_table(sound, tuple(WORDS) if sound else ())}
+    return tables | {"graphs": invariant_table(sound, tuple(WORDS) if sound else ())}
 
 
 def counts(rows: Rows) -> str:

@@ -130,15 +130,23 @@ def healthy_table(rows: Rows) -> Table:
     """Of all draws in which nothing fails, by system and monitor: how many were taken off, and how many with harm."""
     healthy, lines = [row for row in rows if row.drawn.fault == NOTHING], []
     for system in [*sorted({row.drawn.base_run for row in healthy}), ""]:
-        own = [row for row in healthy if system in ("", row.drawn.base_run)]
-        off = [row for row in own if _taken_off(row)]
+        system_rows = [row for row in healthy if system in ("", row.drawn.base_run)]
+        off = [row for row in system_rows if _taken_off(row)]
         monitors = sorted({_cause(row) for row in off})
         for monitor in ["", *monitors] if system else [""]:
             by = [row for row in off if monitor in ("", _cause(row))]
             counts = [sum(which(row) for row in by) for which in (_harmed, _helped)]
-            never = str(sum(row.actions.armed_s is None for row in own)) if not monitor else ""
-            lines.append([system or "all", monitor or "all", str(len(own)), never, Fraction.of(len(by), len(own))])
-            lines[-1] += [Fraction.of(count, len(own)) for count in counts]
+            never = str(sum(row.actions.armed_s is None for row in system_rows)) if not monitor else ""
+            lines.append(
+                [
+                    system or "all",
+                    monitor or "all",
+                    str(len(system_rows)),
+                    never,
+                    Fraction.of(len(by), len(system_rows)),
+                ]
+            )
+            lines[-1] += [Fraction.of(count, len(system_rows)) for count in counts]
     heads = ["system", "monitor", "healthy cases", "never armed", "fell back or tripped", "harmful", "helpful"]
     return Table(heads, lines, 2)
 
@@ -149,10 +157,10 @@ def missed_table(rows: Rows) -> Table:
     acting = [row for row in turned if _acts(row) and float(row.drawn.labels["lasts"] or math.inf) >= LONG_S]
     lines = []
     for fault, system in sorted({(row.drawn.fault, row.drawn.base_run) for row in acting}):
-        own = [row for row in acting if (row.drawn.fault, row.drawn.base_run) == (fault, system)]
-        missed = [row for row in own if row.actions.detected_s is None]
+        fault_rows = [row for row in acting if (row.drawn.fault, row.drawn.base_run) == (fault, system)]
+        missed = [row for row in fault_rows if row.actions.detected_s is None]
         harmed = sum(row.effect.does_no_harm is False for row in missed)
-        lines.append([fault, system, str(len(own)), Fraction.of(len(missed), len(own)), str(harmed)])
+        lines.append([fault, system, str(len(fault_rows)), Fraction.of(len(missed), len(fault_rows)), str(harmed)])
     heads = [
         "fault",
         "system",
@@ -167,15 +175,15 @@ def limit_table(rows: Rows) -> Table:
     """By the limit that was drawn: harm to healthy draws, and wrong signs found with the monitor `harm` and without."""
     lines: list[list[Any]] = []
     for name in sorted({row.drawn.labels["limit"] for row in rows}, key=float):
-        own = [row for row in rows if row.drawn.labels["limit"] == name]
-        healthy = [row for row in own if row.drawn.fault == NOTHING]
+        limit_rows = [row for row in rows if row.drawn.labels["limit"] == name]
+        healthy = [row for row in limit_rows if row.drawn.fault == NOTHING]
         lines.append([name, str(len(healthy))])
         lines[-1] += [Fraction.of(sum(which(row) for row in healthy), len(healthy)) for which in (_taken_off, _harmed)]
-        wrong = [row for row in own if row.drawn.fault in TURNED and _acts(row)]
+        wrong = [row for row in limit_rows if row.drawn.fault in TURNED and _acts(row)]
         for harm in ("on", "off"):
             asked = [row for row in wrong if row.drawn.labels["harm"] == harm]
-            found = _detected(asked)
-            lines[-1] += [str(len(asked)), Fraction.of(len(found), len(asked)), _times(found)[0]]
+            detected = _detected(asked)
+            lines[-1] += [str(len(asked)), Fraction.of(len(detected), len(asked)), _times(detected)[0]]
     heads = ["limit, 1/s", "healthy cases", "tripped", "harmful", "wrong signs", "found", "median, s"]
     heads += ["wrong signs without harm", "found without harm", "median without harm, s"]
     return Table(heads, lines)
@@ -202,26 +210,26 @@ def _cause(row: DrawRow) -> str:
 
 def _harmed(row: DrawRow) -> bool:
     """Whether it was taken off with harm: beside the same controller without supervision."""
-    own, free = row.effect.ITAE, row.unsupervised_itae
-    return _taken_off(row) and free is not None and (own is None or own > HARM * free)
+    index, free = row.effect.ITAE, row.unsupervised_itae
+    return _taken_off(row) and free is not None and (index is None or index > HARM * free)
 
 
 def _helped(row: DrawRow) -> bool:
     """Whether it was taken off to the grid's benefit, by the same measure."""
-    own, free = row.effect.ITAE, row.unsupervised_itae
-    return _taken_off(row) and own is not None and (free is None or HARM * own < free)
+    index, free = row.effect.ITAE, row.unsupervised_itae
+    return _taken_off(row) and index is not None and (free is None or HARM * index < free)
 
 
 def fault_table(rows: Rows) -> Table:
     """By fault: armed draws, how many fell back and tripped, how soon, and the most frequent cause."""
     lines = []
     for fault in [name for name in FAULTS if name != NOTHING]:
-        own = [row for row in rows if row.drawn.fault == fault and _acts(row)]
-        if own:
-            fell = sum(row.actions.fallback_s is not None for row in own)
-            tripped = sum(row.actions.tripped_s is not None for row in own)
-            causes = _largest([row for row in own if row.actions.detected_s is not None], _cause)
-            lines.append([fault, str(len(own)), str(fell), str(tripped), *_times(_detected(own)), causes])
+        fault_rows = [row for row in rows if row.drawn.fault == fault and _acts(row)]
+        if fault_rows:
+            fell = sum(row.actions.fallback_s is not None for row in fault_rows)
+            tripped = sum(row.actions.tripped_s is not None for row in fault_rows)
+            causes = _largest([row for row in fault_rows if row.actions.detected_s is not None], _cause)
+            lines.append([fault, str(len(fault_rows)), str(fell), str(tripped), *_times(_detected(fault_rows)), causes])
     heads = ["fault", "armed", "fell back", "tripped", "median, s", "99 %, s", "monitor"]
     return Table(heads, lines)
 
@@ -237,19 +245,19 @@ def grid_table(rows: Rows) -> Table:
     calm = f"nothing fails, {CYCLING}"
     groups[calm] = lambda row: row.drawn.fault == NOTHING and row.actions.reversals > FREQUENT
     for name, fits in groups.items():
-        own = [row for row in rows if fits(row)]
-        able = [row for row in own if row.effect.does_no_harm is not None]
-        if own:
+        fitting = [row for row in rows if fits(row)]
+        able = [row for row in fitting if row.effect.does_no_harm is not None]
+        if fitting:
             cells = [
                 [
                     str(sum(effect.lost_s is not None for effect in effects)),
                     str(sum(effect.does_no_harm is False for effect in compared)),
                     *_ratios(compared),
                 ]
-                for effects, compared in zip(_effects(own, free=True), _effects(able, free=True), strict=True)
+                for effects, compared in zip(_effects(fitting, free=True), _effects(able, free=True), strict=True)
             ]
             pairs = [Pair(*pair) for pair in zip(*cells, strict=True)]
-            lines.append([name, str(len(own)), pairs[0], str(len(able)), *pairs[1:]])
+            lines.append([name, str(len(fitting)), pairs[0], str(len(able)), *pairs[1:]])
     heads = ["what is wrong", "cases", "synchronism lost", "compared", f"above {HARM:g}"]
     heads += ["ITAE, median", "ITAE, 90 %", "ITAE, 99 %"]
     return Table(heads, lines)
@@ -259,15 +267,15 @@ def place_table(rows: Rows) -> Table:
     """By system and scenario: how often ITAE exceeds that without control, and how often before or without a fault."""
     lines = []
     for place in sorted({row.drawn.place for row in rows}):
-        own = [row for row in rows if row.drawn.place == place]
-        above = [row for row in own if row.effect.does_no_harm is False]
-        able = [row for row in own if row.effect.does_no_harm is not None]
+        place_rows = [row for row in rows if row.drawn.place == place]
+        above = [row for row in place_rows if row.effect.does_no_harm is False]
+        able = [row for row in place_rows if row.effect.does_no_harm is not None]
         calm = sum(row.actions.early or row.drawn.fault == NOTHING for row in above)
-        bare = [row for row in own if row.unsupervised is not None and row.unsupervised.does_no_harm is False]
-        plain = [row.effect.uncontrolled_ITAE for row in own if row.effect.uncontrolled_ITAE is not None]
+        bare = [row for row in place_rows if row.unsupervised is not None and row.unsupervised.does_no_harm is False]
+        plain = [row.effect.uncontrolled_ITAE for row in place_rows if row.effect.uncontrolled_ITAE is not None]
         without = f"{median(plain):.3g}" if plain else "synchronism lost"
         cells = [without, str(len(able)), str(len(above)), percent(len(above), len(able)), str(calm), str(len(bare))]
-        lines.append([" ".join(place), str(len(own)), *cells])
+        lines.append([" ".join(place), str(len(place_rows)), *cells])
     heads = ["system, scenario", "cases", "ITAE without control", "can violate", f"above {HARM:g}, or lost", "%"]
     heads += ["of these before a fault", "without supervision"]
     return Table(heads, lines)
@@ -277,11 +285,11 @@ def cost_table(rows: Rows) -> Table:
     """Cost of supervision without faults: loss of damping of those that are taken off, and of the others."""
     healthy, lines = [row for row in rows if row.drawn.fault == NOTHING], []
     for name, off in (("stays armed", False), ("falls back or is tripped", True)):
-        own = [row for row in healthy if _taken_off(row) == off]
-        both = [(row.effect.ITAE, row.unsupervised_itae) for row in own]
+        group_rows = [row for row in healthy if _taken_off(row) == off]
+        both = [(row.effect.ITAE, row.unsupervised_itae) for row in group_rows]
         pairs = [supervised / free for supervised, free in both if supervised and free]
-        found = [f"{np.percentile(pairs, q):.3f}" for q in (50, 90, 99)] if pairs else ["-"] * 3
-        lines.append([name, str(len(own)), *found])
+        quantiles = [f"{np.percentile(pairs, q):.3f}" for q in (50, 90, 99)] if pairs else ["-"] * 3
+        lines.append([name, str(len(group_rows)), *quantiles])
     heads = ["the controller", "healthy cases", "ITAE beside no supervision, median", "90 %", "99 %"]
     return Table(heads, lines)
 
@@ -290,14 +298,14 @@ def controller_table(rows: Rows) -> Table:
     """By controller: how often it was armed, tripped without a fault, and did harm."""
     lines = []
     for law in dict.fromkeys(row.law for row in rows):
-        own = [row for row in rows if row.law == law]
-        calm = [row for row in own if row.drawn.fault == NOTHING and row.actions.armed_s is not None]
+        controller_rows = [row for row in rows if row.law == law]
+        calm = [row for row in controller_rows if row.drawn.fault == NOTHING and row.actions.armed_s is not None]
         tripped = sum(row.actions.tripped_s is not None for row in calm)
-        able = sum(row.effect.does_no_harm is not None for row in own)
-        harmful = sum(row.effect.does_no_harm is False for row in own)
-        lost = sum(row.effect.keeps_synchronism is False for row in own)
-        never = sum(row.actions.armed_s is None for row in own)
-        counts = [str(len(own)), str(never), f"{tripped} of {len(calm)}", f"{harmful} of {able}", str(lost)]
+        able = sum(row.effect.does_no_harm is not None for row in controller_rows)
+        harmful = sum(row.effect.does_no_harm is False for row in controller_rows)
+        lost = sum(row.effect.keeps_synchronism is False for row in controller_rows)
+        never = sum(row.actions.armed_s is None for row in controller_rows)
+        counts = [str(len(controller_rows)), str(never), f"{tripped} of {len(calm)}", f"{harmful} of {able}", str(lost)]
         lines.append([" ".join(part for part in law if part), *counts])
     heads = ["controller", "cases", "never armed", "tripped although nothing failed"]
     heads += [f"ITAE above {HARM:g}, or lost", "synchronism lost that is kept without"]
@@ -305,10 +313,10 @@ def controller_table(rows: Rows) -> Table:
 
 
 def _largest(rows: Rows, what: Callable[[DrawRow], str]) -> str:
-    found: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for row in rows:
-        found[what(row)] = found.get(what(row), 0) + 1
-    ranked = sorted(found.items(), key=lambda one: -one[1])
+        counts[what(row)] = counts.get(what(row), 0) + 1
+    ranked = sorted(counts.items(), key=lambda pair: -pair[1])
     more = [f"{len(ranked) - LISTED} others"] if len(ranked) > LISTED else []
     return "; ".join([*(f"{name} {count}" for name, count in ranked[:LISTED]), *more]) or "-"
 
@@ -327,5 +335,5 @@ def _ratios(effects: Sequence[Effect] | Sequence[EffectAlone]) -> list[str]:
     values = [math.inf if not effect.keeps_synchronism else effect.ratio for effect in effects]
     known = [value for value in values if value is not None]
     method = "higher" if math.inf in known else "linear"  # nothing lies between a number and infinity
-    found = [np.percentile(known, q, method=method) for q in (50, 90, 99)] if known else []  # type: ignore[call-overload]
-    return ["lost" if math.isinf(x) else f"{x:.2f}" for x in found] or ["-"] * 3
+    quantiles = [np.percentile(known, q, method=method) for q in (50, 90, 99)] if known else []  # type: ignore[call-overload]
+    return ["lost" if math.isinf(x) else f"{x:.2f}" for x in quantiles] or ["-"] * 3

@@ -103,8 +103,8 @@ class DrawRow(Row):
     @property
     def invariants(self) -> dict[str, bool | None]:
         """Whether each invariant and each condition for graphs holds; None: not applicable."""
-        own = {} if self.graph_run is None else self.graph_run.conditions
-        return {**self.judgement.alone, **self.effect.invariants, **own}
+        conditions = {} if self.graph_run is None else self.graph_run.conditions
+        return {**self.judgement.alone, **self.effect.invariants, **conditions}
 
     @property
     def holds(self) -> bool:

@@ -137,8 +137,8 @@ def _path(way: str, *stages: dict[str, Drawn]) -> Callable[[Chance], Change]:
 
     def draw(chance: Chance) -> Change:
         link = chance.case.link.model_dump()
-        for one in ("up", "down") if way == "both" else (way,):
-            link[one] = [*link[one], *(chance.span | _made(stage, chance) for stage in stages)]
+        for direction in ("up", "down") if way == "both" else (way,):
+            link[direction] = [*link[direction], *(chance.span | _made(stage, chance) for stage in stages)]
         return {"link": link}
 
     return draw

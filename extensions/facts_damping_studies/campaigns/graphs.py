@@ -56,8 +56,8 @@ def graphs(plan: CampaignPlan, folder: Path, jobs: int, progress: Progress) -> l
         progress(count - len(todo), max(1, count))
         under_way = [each.submit(one_graph, plan, place, number, lambda: not ended.is_set()) for number in todo]
         try:
-            for done, one in enumerate(as_completed(under_way), count - len(todo) + 1):
-                journal.append(*one.result())
+            for done, future in enumerate(as_completed(under_way), count - len(todo) + 1):
+                journal.append(*future.result())
                 progress(done, count)
         finally:
             ended.set()

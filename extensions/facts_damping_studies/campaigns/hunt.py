@@ -56,7 +56,7 @@ class Hunt(NamedTuple):
 
 def amounts(plan: CampaignPlan) -> NDArray[np.bool_]:
     """Which coordinates are amounts: start, duration and sizes of a fault; the others choose."""
-    lists = max(len(one.choose) for one in plan.campaign.base_runs.values())
+    lists = max(len(base.choose) for base in plan.campaign.base_runs.values())
     return np.array([*[False] * (lists + 2), True, True, False, False, *[True] * SIZES])
 
 
@@ -193,11 +193,11 @@ def run(
             complete = True
         except KeyboardInterrupt:
             pass
-        found: dict[str, ShrunkRow] = {}
+        mildest_of: dict[str, ShrunkRow] = {}
         for key, rule, _ in violating(_cases(rows)):
             if isinstance(mild := rows.get(key), ShrunkRow):
-                found[rule] = min(found.get(rule, mild), mild, key=distance)
-        return Hunt(list(_cases(rows).values()), found, complete)
+                mildest_of[rule] = min(mildest_of.get(rule, mild), mild, key=distance)
+        return Hunt(list(_cases(rows).values()), mildest_of, complete)
 
 
 def _cases(rows: Mapping[str, HuntRow | ShrunkRow]) -> dict[str, HuntRow]:
@@ -213,14 +213,14 @@ def distance(row: ShrunkRow) -> tuple[bool, int, float]:
 
 def violating(cases: Mapping[str, HuntRow]) -> list[tuple[str, str, list[float]]]:
     """The worst case of each of the worst faults, for each violated rule: key of its mildest form, rule, point."""
-    found = []
+    tasks = []
     for rule in invariants.INVARIANTS:
         faults: dict[str, str] = {}
         for key in sorted(cases, key=lambda key: margin(cases[key].margins, rule)):
             if margin(cases[key].margins, rule) < 0.0 and len(faults) < KINDS:
                 faults.setdefault(cases[key].drawn.fault, key)
-        found += [(f"{SHRUNK} {rule} {key}", rule, cases[key].numbers) for key in faults.values()]
-    return found
+        tasks += [(f"{SHRUNK} {rule} {key}", rule, cases[key].numbers) for key in faults.values()]
+    return tasks
 
 
 def points_of(

@@ -47,28 +47,39 @@ def compared(rows: Rows) -> list[Found]:
     """What was found about each rule, by hunted and random cases in the same time of computing."""
     arms = [[row for row in rows if row.arm == arm] for arm in ARMS]
     until = [list(accumulate(row.took_s for row in arm)) for arm in arms]
-    many = [bisect_right(own, min((each[-1] for each in until if each), default=0.0)) for own in until]
+    many = [bisect_right(times, min((each[-1] for each in until if each), default=0.0)) for times in until]
     return [_found(rule, arms[0][: many[0]], arms[1][: many[1]]) for rule in invariants.INVARIANTS]
 
 
 def _found(rule: str, hunted: Rows, drawn: Rows) -> Found:
-    units = {name: one.unit for name, one in (invariants.ALONE | invariants.BESIDE).items()}
+    units = {name: rule_row.unit for name, rule_row in (invariants.ALONE | invariants.BESIDE).items()}
     worst, other = (min(rows, key=lambda row: margin(row.margins, rule), default=None) for rows in (hunted, drawn))
     counts = [sum(margin(row.margins, rule) < 0.0 for row in rows) for rows in (hunted, drawn)]
-    own, beside = (math.inf if row is None else margin(row.margins, rule) for row in (worst, other))
-    ratio = own / beside if own < 0.0 and beside < 0.0 else None
-    kept = [row if math.isfinite(value) else None for row, value in ((worst, own), (other, beside))]
-    return Found(rule, units[rule], kept[0], kept[1], counts[0], counts[1], ratio)
+    hunted_margin, beside = (math.inf if row is None else margin(row.margins, rule) for row in (worst, other))
+    ratio = hunted_margin / beside if hunted_margin < 0.0 and beside < 0.0 else None
+    finite = [row if math.isfinite(value) else None for row, value in ((worst, hunted_margin), (other, beside))]
+    return Found(rule, units[rule], finite[0], finite[1], counts[0], counts[1], ratio)
 
 
 def rules_table(findings: Sequence[Found], *, markdown: bool = False) -> list[str]:
     """A row for each rule: smallest margins and violations, hunted and random, and their ratio."""
     heads = ["what must hold", "unit", "smallest margin", "random draws", "violated", "random draws", "times as severe"]
     lines = []
-    for one in findings:
-        margins = [NONE if row is None else f"{margin(row.margins, one.rule):.3g}" for row in (one.hunted, one.random)]
-        counts = [str(one.violated), str(one.random_violated)]
-        lines.append([WORDS[one.rule], one.unit, *margins, *counts, NONE if one.ratio is None else f"{one.ratio:.2g}"])
+    for finding in findings:
+        margins = [
+            NONE if row is None else f"{margin(row.margins, finding.rule):.3g}"
+            for row in (finding.hunted, finding.random)
+        ]
+        counts = [str(finding.violated), str(finding.random_violated)]
+        lines.append(
+            [
+                WORDS[finding.rule],
+                finding.unit,
+                *margins,
+                *counts,
+                NONE if finding.ratio is None else f"{finding.ratio:.2g}",
+            ]
+        )
     return table(heads, lines, 2, markdown=markdown)
 
 
@@ -108,18 +119,18 @@ def _sizes(plan: CampaignPlan, drawn: Draw) -> dict[str, Any]:
 
 def document(plan: CampaignPlan, hunt: Hunt) -> dict[str, Any]:
     """The result for JSON."""
-    found = []
-    for one in compared(hunt.rows):
-        rows = {"hunted": one.hunted, "random": one.random, "shrunk": hunt.shrunk.get(one.rule)}
-        found.append(one._asdict() | {name: None if row is None else row.cells for name, row in rows.items()})
-    return {"campaign": plan.name, "seed": plan.campaign.seed, "cases": len(hunt.rows), "rules": found}
+    rule_rows = []
+    for finding in compared(hunt.rows):
+        rows = {"hunted": finding.hunted, "random": finding.random, "shrunk": hunt.shrunk.get(finding.rule)}
+        rule_rows.append(finding._asdict() | {name: None if row is None else row.cells for name, row in rows.items()})
+    return {"campaign": plan.name, "seed": plan.campaign.seed, "cases": len(hunt.rows), "rules": rule_rows}
 
 
 def write(plan: CampaignPlan, hunt: Hunt, folder: Path, command: str) -> list[Path]:
     """Write the page and the run files; return their paths."""
-    found, written = compared(hunt.rows), [folder / PAGE]
+    findings, written = compared(hunt.rows), [folder / PAGE]
     lines = [f"# {plan.name}: the worst cases", "", plan.campaign.description, "", f"    {command}", ""]
-    lines += [f"{counts(hunt)}.", "", *rules_table(found, markdown=True), ""]
+    lines += [f"{counts(hunt)}.", "", *rules_table(findings, markdown=True), ""]
     lines += ["A margin is the distance to a violation, below zero beyond it. Each case is a run file, for"]
     lines += ["`facts-damping simulate`. The mildest form has what can be left out, shortened or made smaller.", ""]
     for rule, shrunk in hunt.shrunk.items():

@@ -53,7 +53,7 @@ def limits(case: Case, record: Record, _late: int = 0) -> float:
 
     Margin: smallest distance to one of these bounds, p.u. of the device's limit.
     """
-    fraction, found = case.supervision.authority.fraction if case.supervision else 1.0, []
+    fraction, case_margins = case.supervision.authority.fraction if case.supervision else 1.0, []
     for d, name in enumerate(case.run.devices):
         device = case.system.device(name)
         passed = record.supervised["value"][record.supervised["device"] == d]
@@ -64,8 +64,8 @@ def limits(case: Case, record: Record, _late: int = 0) -> float:
             device.setpoint_max + TOLERANCE - np.abs(reference),
             TOLERANCE - steps,
         )
-        found.append(_least(*bounds) / device.setpoint_max)
-    return min(found, default=math.inf)
+        case_margins.append(_least(*bounds) / device.setpoint_max)
+    return min(case_margins, default=math.inf)
 
 
 def late_ticks(record: Record, deadline_misses: int) -> int:
@@ -92,7 +92,7 @@ def _at_zero(value: NDArray[np.float64], spare_s: NDArray[np.float64], limit: fl
 
 def lets_go(case: Case, record: Record, late: int = 0) -> float:
     """The reference is zero within the time-out and the ramp after the last accepted setpoint; margin: `_at_zero`."""
-    watchdog, found = case.run.watchdog, [math.inf]
+    watchdog, case_margins = case.run.watchdog, [math.inf]
     if watchdog is None:
         return math.inf
     for d, name in enumerate(case.run.devices):
@@ -104,8 +104,8 @@ def lets_go(case: Case, record: Record, late: int = 0) -> float:
         since = (record.time_ns - accepted[np.maximum(newest, 0)]) / NANOSECONDS
         allowed = watchdog.timeout + setpoint_max / watchdog.release_rate + (2.0 + late) / record.frame_rate
         asked = newest >= 0
-        found.append(_at_zero(reference[asked], (allowed - since)[asked], setpoint_max, 1.0 / record.frame_rate))
-    return min(found)
+        case_margins.append(_at_zero(reference[asked], (allowed - since)[asked], setpoint_max, 1.0 / record.frame_rate))
+    return min(case_margins)
 
 
 def _accepted(record: Record, d: int, setpoint_max: float, max_age: float) -> NDArray[np.int64]:
@@ -133,26 +133,26 @@ def zero_after_trip(case: Case, record: Record, _late: int = 0) -> float:
 
     Margin: time from its last setpoint that is not zero, or from its last other state, to the deadline, s.
     """
-    status, passed, found = record.supervision, record.supervised, [math.inf]
+    status, passed, case_margins = record.supervision, record.supervised, [math.inf]
     for c, tick in _first_trips(record).items():
         after = (tick / record.frame_rate + _trip_ramp_s(case)) * NANOSECONDS + 2 * NANOSECONDS / record.frame_rate
         acts = passed["issued_ns"][(passed["controller"] == c) & (passed["value"] != 0.0)]
-        own = status[(status["controller"] == c) & (status["tick"] >= tick)]
-        back = own["tick"][np.isin(own["state"], (ARMED, FALLBACK))]
-        found.append(_least((after - acts) / NANOSECONDS, (tick - 1.0 - back) / record.frame_rate))
-    return min(found)
+        later = status[(status["controller"] == c) & (status["tick"] >= tick)]
+        back = later["tick"][np.isin(later["state"], (ARMED, FALLBACK))]
+        case_margins.append(_least((after - acts) / NANOSECONDS, (tick - 1.0 - back) / record.frame_rate))
+    return min(case_margins)
 
 
 def device_at_zero(case: Case, record: Record, late: int = 0) -> float:
     """After a trip, and after pending setpoints have arrived, the device's reference is zero; margin: `_at_zero`."""
-    found = [math.inf]
+    case_margins = [math.inf]
     for c, tick in _first_trips(record).items():
         spare = (tick + late) / record.frame_rate + _trip_ramp_s(case) + SETTLED_S - record.time_s
         for name in case.controllers[c].devices:
             reference, limit = record.devices["reference"], case.system.device(name).setpoint_max
-            own = reference[:, case.run.devices.index(name)]
-            found.append(_at_zero(own, spare, limit, 1.0 / record.frame_rate))
-    return min(found)
+            device_reference = reference[:, case.run.devices.index(name)]
+            case_margins.append(_at_zero(device_reference, spare, limit, 1.0 / record.frame_rate))
+    return min(case_margins)
 
 
 def causes(_case: Case, record: Record, _late: int = 0) -> float:
@@ -185,12 +185,12 @@ def harm(record: Record, uncontrolled: Record) -> float | None:
     Margin: `HARM - ITAE / (ITAE without control)`. After a loss of synchronism every speed difference counts as
     `SPEED_BAND`, beyond which the model of a machine is not valid; the ratio is then `LOST` at least.
     """
-    own, none = itae(record), itae(uncontrolled)
+    index, none = itae(record), itae(uncontrolled)
     if none is None:
         return None
     scale = max(none, float(np.finfo(float).tiny))
-    if own is not None:
-        return (HARM * none - own) / scale
+    if index is not None:
+        return (HARM * none - index) / scale
     return HARM - float(np.fmax(LOST, _beyond(record, float(uncontrolled.time_s[-1])) / scale))
 
 
@@ -216,8 +216,8 @@ INVARIANTS = (*ALONE, *BESIDE)
 
 def margins(case: Case, record: Record, uncontrolled: Record, late: int = 0) -> dict[str, float | None]:
     """Margins of all invariants by column; `late`: ticks by which setpoints may have acted too late."""
-    own = {name: rule.margin(case, record, late) for name, rule in ALONE.items()}
-    return own | {name: rule.margin(record, uncontrolled) for name, rule in BESIDE.items()}
+    alone_margins = {name: rule.margin(case, record, late) for name, rule in ALONE.items()}
+    return alone_margins | {name: rule.margin(record, uncontrolled) for name, rule in BESIDE.items()}
 
 
 def alone(case: Case, record: Record, late: int = 0) -> dict[str, bool]:
@@ -281,7 +281,7 @@ def beside(record: Record, uncontrolled: Record) -> Effect:
     If that one falls out of step, control cannot make it worse: both conditions are None. If it does not, a run that
     falls out of step violates both. A ratio exists if neither does.
     """
-    own, none = itae(record), itae(uncontrolled)
+    index, none = itae(record), itae(uncontrolled)
     rules = {name: holds(rule.margin(record, uncontrolled)) for name, rule in BESIDE.items()}
-    ratio = own / none if own is not None and none else None
-    return Effect(lost_s(record), lost_s(uncontrolled), own, none, ratio, **rules)
+    ratio = index / none if index is not None and none else None
+    return Effect(lost_s(record), lost_s(uncontrolled), index, none, ratio, **rules)

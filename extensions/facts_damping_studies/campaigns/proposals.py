@@ -67,12 +67,12 @@ def _inside(at: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def parents(kinds: Sequence[tuple[Any, Any]], margins: NDArray[np.float64]) -> list[int]:
     """Indices of the best point of each of the best kinds, the best first; none with an infinite margin."""
-    found: dict[tuple[Any, Any], int] = {}
+    best: dict[tuple[Any, Any], int] = {}
     for i in np.argsort(margins, kind="stable").tolist():
         if not np.isfinite(margins[i]):
             break
-        found.setdefault(kinds[i], i)
-    return list(found.values())
+        best.setdefault(kinds[i], i)
+    return list(best.values())
 
 
 def turns(bests: NDArray[np.float64], many: int) -> list[int]:

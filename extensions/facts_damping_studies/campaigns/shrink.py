@@ -30,21 +30,21 @@ def shrunk(
 
     `margin_of(choice, sizes)`: the margin of a case, infinity if it cannot be run.
     """
-    found = choice, sizes
-    worst = margin = margin_of(*found)
+    mildest = choice, sizes
+    worst = margin = margin_of(*mildest)
     for step in steps(choice, sizes):
-        for milder in step(*found):
+        for milder in step(*mildest):
             reached = margin_of(*milder)
             if worst <= reached < 0.0:
-                found, margin = milder, reached
+                mildest, margin = milder, reached
                 break
-    return found, margin
+    return mildest, margin
 
 
 def steps(choice: Choice, sizes: list[float]) -> list[Step]:
     """What is tried, in this order: each gives milder points, the mildest first."""
-    labels = [lambda own, of, name=name: _unchosen(own, of, name) for name in choice.chosen]
-    parts = [lambda own, of, i=i: _smaller(own, of, i) for i in range(len(sizes))]
+    labels = [lambda chosen, of, name=name: _unchosen(chosen, of, name) for name in choice.chosen]
+    parts = [lambda chosen, of, i=i: _smaller(chosen, of, i) for i in range(len(sizes))]
     return [_without_fault, *labels, _seed_of_base_run, _shorter, _rounder, *parts]
 
 

@@ -85,25 +85,25 @@ class Design(NamedTuple):
 
 def design(task: Task, jobs: int, tell: Tell) -> Design:
     """Rank, choose and tune. Raises `InputError` if there is no mode to damp, or for unknown names."""
-    own = read_system(task.system, task.sets)
-    modes, target = listed_modes(task, own)
-    system = places.with_signals(own, modes)
+    bare_system = read_system(task.system, task.sets)
+    modes, target = listed_modes(task, bare_system)
+    system = places.with_signals(bare_system, modes)
     observability = places.seen(system, modes)
-    narrow = places.only(system, _worth_a_look(task, system, observability), own)
+    narrow = places.only(system, _worth_a_look(task, system, observability), bare_system)
     for kind in task.kinds:
         check_known("--kinds", kind, places.NEW_DEVICES)
-    candidates = places.places(own, task.kinds)
+    candidates = places.places(bare_system, task.kinds)
     if task.place is not None:
-        check_known("--place", task.place, sorted({name for one in candidates for name in one.names}))
-    trials = [places.Trial(narrow, one, modes) for one in candidates]
+        check_known("--place", task.place, sorted({name for candidate in candidates for name in candidate.names}))
+    trials = [places.Trial(narrow, candidate, modes) for candidate in candidates]
     tried = run_all(places.tried, trials, jobs, tell("design", "places"))
     pairs = _pairs(task, narrow, tried, modes, target)
     if not pairs:
-        reason = next((f" ({one.why_not})" for one in tried if one.why_not), "")
-        given = f"with a device at {task.place or 'any place'} the mode is not found again{reason}"
-        raise InputError(f"--place: {given}; allowed: another place")
+        reason = next((f" ({attempt.why_not})" for attempt in tried if attempt.why_not), "")
+        problem = f"with a device at {task.place or 'any place'} the mode is not found again{reason}"
+        raise InputError(f"--place: {problem}; allowed: another place")
     chosen = next((pair for pair in pairs if not pair.conflicts()), pairs[0])
-    content, run = _written(task, system, own, tried[chosen.tried], chosen)
+    content, run = _written(task, system, bare_system, tried[chosen.tried], chosen)
     plain = {**run, "system": content, "scenario": []}
     wanted = modes[target], task.damping, task.delay
     tuned = lead_lag.tune(plain, chosen.law, chosen.residue, *wanted, tell("design", "gains"))
@@ -124,16 +124,16 @@ def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
     """
     placed = place(system)
     built = build(placed, [], [])
-    found = eigenmodes.modes(linearisation.state_matrix(built)[0], built.state_names, placed)
+    all_modes = eigenmodes.modes(linearisation.state_matrix(built)[0], built.state_names, placed)
     low, high = BAND_HZ
-    swings = [m for m in found if m.swings and low <= m.frequency_hz <= high]
+    swings = [m for m in all_modes if m.swings and low <= m.frequency_hz <= high]
     if not swings:
         lacks = f"no electromechanical mode from {low:g} to {high:g} Hz"
         raise InputError(f"SYSTEM: {system.name} has {lacks}; allowed: one that has")
     swings.sort(key=lambda m: m.damping_ratio)
     wanted = _wanted(task, swings)
-    kept = swings[:MODES]
-    modes = kept if wanted in kept else [*kept[:-1], wanted]
+    least_damped = swings[:MODES]
+    modes = least_damped if wanted in least_damped else [*least_damped[:-1], wanted]
     if wanted.damping_ratio >= task.damping:
         has = f"the mode of {wanted.frequency_hz:.3f} Hz has {wanted.damping_ratio:.3f} already"
         raise InputError(f"--damping {task.damping:g}: {has}; allowed: a higher ratio, or another --mode")
@@ -157,11 +157,11 @@ def _worth_a_look(task: Task, system: System, observability: np.ndarray[Any, Any
     names = list(system.signals)
     if task.signal is not None:
         check_known("--signal", task.signal, names)
-    kept = {task.signal} if task.signal is not None else set[str]()
+    best_names = {task.signal} if task.signal is not None else set[str]()
     for row in np.abs(observability):
         for channel in (places.SPEED, places.FLOW):
-            kept |= set(maximum(names, row, channel, system)[:SIGNALS])
-    return [name for name in names if name in kept]
+            best_names |= set(maximum(names, row, channel, system)[:SIGNALS])
+    return [name for name in names if name in best_names]
 
 
 def maximum(names: Sequence[str], values: Any, channel: str, system: System) -> list[str]:
@@ -176,11 +176,11 @@ def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[E
     speeds = [name for name in names if system.signals[name].channel == places.SPEED]
     wanted = speeds if task.signal is None else [task.signal]
     worth = [
-        (abs(one.residue[target, s]) * float(one.place.device.setpoint_max), i, s)
-        for i, one in enumerate(tried)
-        if task.place is None or task.place in one.place.names
+        (abs(attempt.residue[target, s]) * float(attempt.place.device.setpoint_max), i, s)
+        for i, attempt in enumerate(tried)
+        if task.place is None or task.place in attempt.place.names
         for s, name in enumerate(names)
-        if name in wanted and np.isfinite(one.residue[target, s])
+        if name in wanted and np.isfinite(attempt.residue[target, s])
     ]
     best = sorted(worth, reverse=True)[:PAIRS]
     return [_pair(task, tried[i], i, s, names[s], modes, target) for _, i, s in best]

@@ -38,8 +38,12 @@ def mode_name(mode: Eigenmode) -> str:
 
 def strongest(design: Design, mode: int) -> list[tuple[str, float]]:
     """Places sorted by how far their device moves a mode with its full setpoint, 1/s, the strongest first."""
-    own = [(one.place.label, float(one.strength[mode])) for one in design.tried if np.isfinite(one.strength[mode])]
-    return sorted(own, key=lambda one: -one[1])[:PLACES]
+    strengths = [
+        (attempt.place.label, float(attempt.strength[mode]))
+        for attempt in design.tried
+        if np.isfinite(attempt.strength[mode])
+    ]
+    return sorted(strengths, key=lambda pair: -pair[1])[:PLACES]
 
 
 def clearest(design: Design, mode: int, channel: str) -> list[tuple[str, float]]:
@@ -61,9 +65,9 @@ def text(design: Design) -> Iterator[str]:
         yield f"\n{title}"
         yield from _indented(table([mode_name(m) for m in design.modes], rows, left=len(design.modes), rule=False))
     left_out: dict[str, list[str]] = {}
-    for one in design.tried:
-        if one.why_not:
-            left_out.setdefault(one.why_not, []).append(one.place.label)
+    for attempt in design.tried:
+        if attempt.why_not:
+            left_out.setdefault(attempt.why_not, []).append(attempt.place.label)
     yield from (f"  left out: {', '.join(labels)} ({reason})" for reason, labels in left_out.items())
     target = design.modes[design.target]
     yield f"\nfor the mode of {mode_name(target)}, with {1e3 * design.task.delay:.0f} ms of delay"
@@ -100,9 +104,9 @@ def _indented(lines: list[str]) -> Iterator[str]:
 def _machines(mode: Eigenmode, side: float) -> str:
     """The machines that swing most in phase (1) or in antiphase (-1) with the machine of largest amplitude."""
     first = max(mode.shape.values(), key=abs)
-    own = {name: side * (value / first).real for name, value in mode.shape.items()}
-    ranked = sorted((name for name in own if own[name] > 0.0), key=lambda name: -own[name])
-    return ", ".join(f"{name} {own[name]:.2f}" for name in ranked[:SHOWN_MACHINES])
+    same_side = {name: side * (value / first).real for name, value in mode.shape.items()}
+    ranked = sorted((name for name in same_side if same_side[name] > 0.0), key=lambda name: -same_side[name])
+    return ", ".join(f"{name} {same_side[name]:.2f}" for name in ranked[:SHOWN_MACHINES])
 
 
 def _pair(design: Design, pair: Pair) -> list[str]:
@@ -121,13 +125,13 @@ def _chosen(design: Design) -> Iterator[str]:
     yield f"\ntaken: {where}, {chosen.signal}{_why(design)}"
     yield f"lead-lag: {', '.join(f'{name} {value:g}' for name, value in chosen.law.parameters(tuned.gain).items())}"
     ratio = tuned.after[tuned.target]
-    got = "lost" if ratio is None else f"{ratio.damping_ratio:.4f}"
+    ratio_text = "lost" if ratio is None else f"{ratio.damping_ratio:.4f}"
     if tuned.reached:
         alone = " with the device alone" if tuned.gain == 0.0 else ""
-        yield f"damping ratio: {got}{alone}, wanted {task.damping:g}"
+        yield f"damping ratio: {ratio_text}{alone}, wanted {task.damping:g}"
     else:
         why = "does not help" if tuned.limit is None else f"would make a mode of {mode_name(tuned.limit)} worse"
-        yield f"damping ratio: {got} at most, wanted {task.damping:g}; more gain {why}"
+        yield f"damping ratio: {ratio_text} at most, wanted {task.damping:g}; more gain {why}"
     rows = [
         [
             f"{a.frequency_hz:.3f}",
@@ -231,7 +235,10 @@ def write(design: Design, folder: Path) -> list[Path]:
     head = f"# {design.system.name} with {design.tried[design.chosen.tried].place.label}, by facts-damping design\n"
     first = next(iter(design.scenarios), None)
     run = {"system": where["system"].name, "scenario": where[first].name if first else [], **design.run}
-    texts = {"system": head + rows_text(design.content), **{name: dump(one) for name, one in design.scenarios.items()}}
+    texts = {
+        "system": head + rows_text(design.content),
+        **{name: dump(scenario) for name, scenario in design.scenarios.items()},
+    }
     texts["run"] = dump({"description": run.pop("description"), **run})
     if first == TRAINING:
         texts["training_cases"] = dump(_training_cases(design, run))

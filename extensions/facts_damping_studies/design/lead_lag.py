@@ -121,10 +121,10 @@ def tune(
         progress(i, len(gains))
         listed.append(_oscillations(loop, gain, delay, case))
     progress(len(gains), len(gains))
-    before = [one for one in listed[0] if one.swings]
+    before = [eigenmode for eigenmode in listed[0] if eigenmode.swings]
     target = int(np.argmin(eigenmodes.unlike([mode], before)))
     tracks = [[start, *later] for start, later in zip(before, followed(before, listed[1:]), strict=True)]
-    ratios = [_ratio(one) for one in tracks[target]]
+    ratios = [_ratio(eigenmode) for eigenmode in tracks[target]]
     good, limit = _harmless(listed, tracks, target, wanted)
     enough = next((k for k in range(good) if ratios[k] >= wanted), None)
     last = int(np.argmax(ratios[:good])) if enough is None else max(0, enough - 1)
@@ -143,7 +143,10 @@ def tune(
         limit = None
     then = _oscillations(loop, gain, delay, case)
     after = [_next(track[last], then) for track in tracks]
-    growing = next((one for one in listed[0] if one.eigenvalue.real > STILL and one is not before[target]), None)
+    growing = next(
+        (eigenmode for eigenmode in listed[0] if eigenmode.eigenvalue.real > STILL and eigenmode is not before[target]),
+        None,
+    )
     return Tuned(gain, enough is not None, before, after, target, growing, limit)
 
 
@@ -177,8 +180,8 @@ def _harmless(
     minimum = None
     for k, modes in enumerate(listed):
         swings = [(track[k], floor) for track, floor in zip(tracks, floors, strict=True)]
-        own = {id(mode) for mode, _ in swings}
-        rest = [mode for mode in modes if id(mode) not in own]
+        swinging = {id(mode) for mode, _ in swings}
+        rest = [mode for mode in modes if id(mode) not in swinging]
         minimum = min((mode.damping_ratio for mode in rest), default=1.0) if minimum is None else minimum
         del swings[target]
         for mode, floor in [*swings, *((mode, _floor(minimum, wanted)) for mode in rest)]:

@@ -87,7 +87,7 @@ def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
     In series in each line without a device, in parallel at each bus without machine or device,
     at each machine with an exciter.
     """
-    own = [Place(d, d.place, True) for d in system.devices]
+    present = [Place(d, d.place, True) for d in system.devices]
     in_series = {d.line for d in system.devices if isinstance(d, Series)}
     occupied = {row.bus for row in system.infinite_buses} | {m.bus for m in system.machines}
     occupied |= {d.bus for d in system.devices if isinstance(d, Parallel)}
@@ -104,14 +104,14 @@ def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
     new = []
     for kind in kinds:
         model, relative = MODELS[kind], NEW_DEVICES[kind]
-        field, where = next(found for base, found in free.items() if issubclass(model, base))
+        field, where = next(place_of_kind for base, place_of_kind in free.items() if issubclass(model, base))
         for at in where:
             scale = reactance[at] if relative else 1.0
             if not 0.0 < scale <= LONGEST:  # a line that is a series capacitor itself
                 continue
             data = usual_values(model) | {key: value * scale for key, value in relative.items()}
             new.append(Place(model(name=name, kind=kind, **{field: at}, **data), at, False))
-    return [*own, *new]
+    return [*present, *new]
 
 
 def with_place(system: System, chosen: Place) -> System:
@@ -143,9 +143,13 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
     for a, b in combinations(means, 2) if len(means) <= MAX_AREAS else ():
         weights[f"w_{a}_{b}"] = {**means[a], **{pmu: -w for pmu, w in means[b].items()}}
     there = [s.weights for s in system.signals.values() if s.channel == SPEED]
-    there += [{pmu: -w for pmu, w in own.items()} for own in there]
+    there += [{pmu: -w for pmu, w in combination.items()} for combination in there]
     named = set(system.signals)
-    new = {_free(name, named): Signal(channel=SPEED, weights=own) for name, own in weights.items() if own not in there}
+    new = {
+        _free(name, named): Signal(channel=SPEED, weights=combination)
+        for name, combination in weights.items()
+        if combination not in there
+    }
     measured = _measured_flows(system)
     for line in system.lines:
         if line.name not in measured:
@@ -160,15 +164,15 @@ def _measured_flows(system: System) -> set[str]:
     """The lines whose active power is already a single signal."""
     alone = {s.name: s.branches[0] for s in system.pmus if len(s.branches) == 1}
     flows = [s for s in system.signals.values() if s.channel == FLOW and len(s.weights) == 1]
-    return {alone[pmu] for one in flows for pmu in one.weights if pmu in alone}
+    return {alone[pmu] for flow in flows for pmu in flow.weights if pmu in alone}
 
 
 def only(system: System, signals: Sequence[str], original: System) -> System:
     """The system with only these signals, without PMUs needed only by others, except those of `original`."""
-    kept = {name: system.signals[name] for name in signals}
-    used = {pmu for one in kept.values() for pmu in one.weights} | {s.name for s in original.pmus}
+    remaining = {name: system.signals[name] for name in signals}
+    used = {pmu for signal in remaining.values() for pmu in signal.weights} | {s.name for s in original.pmus}
     pmus = [s for s in system.pmus if s.name in used]
-    return system.model_copy(update={"signals": kept, "pmus": pmus})
+    return system.model_copy(update={"signals": remaining, "pmus": pmus})
 
 
 def _free(name: str, used: set[str]) -> str:
@@ -181,13 +185,13 @@ def _free(name: str, used: set[str]) -> str:
 
 def _opposed(modes: Sequence[Eigenmode]) -> list[tuple[str, ...]]:
     """For each mode the fastest machine, and the one with the largest opposite swing, if any."""
-    found: dict[tuple[str, ...], None] = {}
+    pairs: dict[tuple[str, ...], None] = {}
     for mode in modes:
         first = max(mode.shape, key=lambda name: abs(mode.shape[name]))
         against = {name: (value / mode.shape[first]).real for name, value in mode.shape.items()}
         other = min(against, key=lambda name: against[name])
-        found[(first, other) if against[other] < 0.0 else (first,)] = None
-    return list(found)
+        pairs[(first, other) if against[other] < 0.0 else (first,)] = None
+    return list(pairs)
 
 
 def _mean_speeds(system: System, pmus: Mapping[str, str]) -> dict[str, dict[str, float]]:
@@ -196,7 +200,7 @@ def _mean_speeds(system: System, pmus: Mapping[str, str]) -> dict[str, dict[str,
     for m in system.machines:
         if m.area is not None:
             inertia.setdefault(m.area, {})[pmus[m.name]] = m.H * m.rating
-    return {area: {s: w / sum(own.values()) for s, w in own.items()} for area, own in inertia.items()}
+    return {area: {s: w / sum(inertias.values()) for s, w in inertias.items()} for area, inertias in inertia.items()}
 
 
 def seen(system: System, modes: Sequence[Eigenmode]) -> Complex2:
@@ -215,11 +219,11 @@ class Trial(NamedTuple):
 def tried(trial: Trial) -> Tried:
     """Analyse a location."""
     try:
-        found = _tried(with_place(trial.system, trial.place), [trial.place.device.name], trial.modes)
+        analysed = _tried(with_place(trial.system, trial.place), [trial.place.device.name], trial.modes)
     except FactsDampingError as error:
         none = np.full((len(trial.modes), len(trial.system.signals)), np.nan + 0j)
         return Tried(trial.place, np.full(len(none), np.nan + 0j), none, one_line(error))
-    return Tried(trial.place, found[0][:, 0], found[1])
+    return Tried(trial.place, analysed[0][:, 0], analysed[1])
 
 
 def _tried(system: System, devices: Sequence[str], modes: Sequence[Eigenmode]) -> tuple[Complex2, Complex2]:

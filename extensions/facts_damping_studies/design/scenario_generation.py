@@ -43,16 +43,16 @@ def training_cases(
         buses = buses or [name for name in names if name not in own_buses][:TRIED]
         lines = lines or [line["name"] for line in run["system"].get("lines", ()) if line["name"] != place.at]
     kinds = {"fault": [fault(bus) for bus in buses], "line_out": [trip(line) for line in lines[:TRIED]]}
-    found, done = dict[str, dict[str, Any]](), 0
+    contents, done = dict[str, dict[str, Any]](), 0
     for name, scenarios in kinds.items():
         for scenario in scenarios:
             progress(done, len(buses) + TRIED)
             done += 1
             if _keeps_synchronism(run, scenario["events"]):
-                found[name] = {"name": name, **scenario}
+                contents[name] = {"name": name, **scenario}
                 break
     progress(1, 1)
-    return found
+    return contents
 
 
 def fault(bus: str) -> dict[str, Any]:

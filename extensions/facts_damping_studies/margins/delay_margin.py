@@ -79,10 +79,10 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
     return Margin(case, link_delays(case), delays, worst, follow(listed), stable, damped, limit, critical, by_pade)
 
 
-def _lacking(eigen: Eigen, modes: Sequence[eigenmodes.Eigenmode]) -> float:
+def _lacking(spectrum: Eigen, modes: Sequence[eigenmodes.Eigenmode]) -> float:
     """Above zero where the loop grows or a mode has less than DAMPING_RATIO."""
     lowest = min((mode.damping_ratio for mode in modes if mode.swings), default=1.0)
-    return max(eigen.growth, DAMPING_RATIO - lowest)
+    return max(spectrum.growth, DAMPING_RATIO - lowest)
 
 
 class Around(NamedTuple):
@@ -126,19 +126,21 @@ def looks(longest: float, frame_rate: int) -> NDArray[np.float64]:
     return np.unique(np.round([*steps, *frames, longest], 9))
 
 
-def oscillations(loop: DelayedLoop, eigen: Eigen, case: Case) -> list[eigenmodes.Eigenmode]:
+def oscillations(loop: DelayedLoop, spectrum: Eigen, case: Case) -> list[eigenmodes.Eigenmode]:
     """The modes up to 10 Hz that oscillate or grow."""
-    shown = (eigen.values.imag > 0.0) | ((eigen.values.imag == 0.0) & (eigen.values.real > STILL))
+    shown = (spectrum.values.imag > 0.0) | ((spectrum.values.imag == 0.0) & (spectrum.values.real > STILL))
     return [
-        eigenmodes.mode(complex(eigen.values[i]), eigen.right[:, i], eigen.left[:, i], loop.names, case.system)
-        for i in np.flatnonzero(shown & (np.abs(eigen.values) < FASTEST))
+        eigenmodes.mode(complex(spectrum.values[i]), spectrum.right[:, i], spectrum.left[:, i], loop.names, case.system)
+        for i in np.flatnonzero(shown & (np.abs(spectrum.values) < FASTEST))
     ]
 
 
 def _critical(loop: DelayedLoop, delay: float, case: Case) -> eigenmodes.Eigenmode:
-    found = eigen(loop, sampled(loop, delay))
-    i = int(np.argmax(found.values.real + 1e-12 * (found.values.imag >= 0.0)))
-    return eigenmodes.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)
+    spectrum = eigen(loop, sampled(loop, delay))
+    i = int(np.argmax(spectrum.values.real + 1e-12 * (spectrum.values.imag >= 0.0)))
+    return eigenmodes.mode(
+        complex(spectrum.values[i]), spectrum.right[:, i], spectrum.left[:, i], loop.names, case.system
+    )
 
 
 def intervals(

@@ -53,21 +53,23 @@ def shown(margin: Margin) -> list[tuple[str, Track]]:
     named = list(zip(names(margin), margin.tracks, strict=True))
     if len(named) <= MAXIMUM:
         return named
-    kept = margin.delays <= shown_to(margin) + 1e-9
+    in_view = margin.delays <= shown_to(margin) + 1e-9
 
     def moved(track: Track) -> float:
-        ratios = [mode.damping_ratio for mode, near in zip(track.modes, kept, strict=True) if near and mode is not None]
+        ratios = [
+            mode.damping_ratio for mode, near in zip(track.modes, in_view, strict=True) if near and mode is not None
+        ]
         return max(ratios, default=0.0) - min(ratios, default=0.0)
 
     maximum = sorted(margin.tracks, key=moved, reverse=True)[:MAXIMUM]
-    return [(name, track) for name, track in named if any(track is one for one in maximum)]
+    return [(name, track) for name, track in named if any(track is top_track for top_track in maximum)]
 
 
 def margin_text(margin: Margin, beside: Beside | None) -> Iterator[str]:
     """Lines for the terminal."""
     case, longest = margin.case, margin.delays[-1]
-    given = ", ".join(f"{c.name} from {c.signals[0]} to {'+'.join(c.devices)}" for c in case.controllers)
-    yield f"{case.system.name}: {given}; {case.run.frame_rate} frames/s"
+    controllers_text = ", ".join(f"{c.name} from {c.signals[0]} to {'+'.join(c.devices)}" for c in case.controllers)
+    yield f"{case.system.name}: {controllers_text}; {case.run.frame_rate} frames/s"
     if max(margin.own) - min(margin.own) <= 0.0:
         yield f"delay: from measurement to device, in place of the link's mean of {_ms(margin.own[0])}"
     else:
@@ -115,9 +117,9 @@ def _cell(mode: eigenmodes.Eigenmode | None) -> str:
 def _runs(margin: Margin, beside: Beside) -> Iterator[str]:
     near = "not near the linear margin" if beside.pulse is None else _ms(beside.pulse)
     yield f"time domain, a pulse of 0.01 %              {near}"
-    for one in beside.scenario:
-        words = f"  {margin.case.scenario.name}, {CRITERIA[one.criterion].holds} over {one.horizon:g} s"
-        yield f"{words:<43} {_spans(one.holds)}"
+    for row in beside.scenario:
+        words = f"  {margin.case.scenario.name}, {CRITERIA[row.criterion].holds} over {row.horizon:g} s"
+        yield f"{words:<43} {_spans(row.holds)}"
     yield "\ndelay ms   ringdown of a run: Hz, ratio       linear: Hz, ratio"
     for delay, modes in beside.ringdown:
         for mode in modes:
@@ -134,7 +136,7 @@ def nearest(margin: Margin, delay: float, hertz: float) -> eigenmodes.Eigenmode 
 
 def document(margin: Margin, beside: Beside | None) -> dict[str, Any]:
     """The JSON of `margin` (docs/results_json.md)."""
-    made: dict[str, Any] = {
+    content: dict[str, Any] = {
         "run": margin.case.summary(),
         "link_delays_s": margin.own,
         "margin_s": margin.margin,
@@ -158,7 +160,7 @@ def document(margin: Margin, beside: Beside | None) -> dict[str, Any]:
         ],
     }
     if beside is not None:
-        made["time_domain"] = {
+        content["time_domain"] = {
             "pulse_s": beside.pulse,
             "scenario": [
                 {"criterion": x.criterion, "horizon_s": x.horizon, "holds_s": x.holds} for x in beside.scenario
@@ -168,7 +170,7 @@ def document(margin: Margin, beside: Beside | None) -> dict[str, Any]:
                 for delay, modes in beside.ringdown
             ],
         }
-    return made
+    return content
 
 
 def plot_loops(margin: Margin, path: Path) -> Path:
@@ -191,13 +193,13 @@ def plot(margin: Margin, beside: Beside | None, path: Path) -> Path:
     figure = Figure(figsize=(7.5, 6.5), layout="constrained")
     damping, frequency = figure.subplots(2, 1, sharex=True, height_ratios=[1.4, 1.0])
     end = shown_to(margin)
-    kept = margin.delays <= end + 1e-9
+    in_view = margin.delays <= end + 1e-9
     ends = [0.0, *(limit for span in margin.stable for limit in span), end]  # between them unstable and stable in turn
     points = [(1e3 * delay, mode) for delay, modes in (beside.ringdown if beside else ()) for mode in modes]
     for axes, field in ((damping, "damping_ratio"), (frequency, "frequency_hz")):
         for (name, track), colour in zip(shown(margin), COLOURS, strict=False):
             values = np.array([np.nan if m is None else getattr(m, field) for m in track.modes])
-            axes.plot(1e3 * margin.delays[kept], values[kept], color=colour, lw=1.8, label=name)
+            axes.plot(1e3 * margin.delays[in_view], values[in_view], color=colour, lw=1.8, label=name)
         if beside is not None:
             xy = [at for at, _ in points], [getattr(mode, field) for _, mode in points]
             axes.plot(*xy, "ko", ms=5, mfc="none", label="ringdown of runs")
@@ -215,6 +217,8 @@ def plot(margin: Margin, beside: Beside | None, path: Path) -> Path:
     damping.set_ylabel("damping ratio")
     frequency.set(ylabel="frequency [Hz]", xlabel="delay from measurement to device [ms]; shaded: not stable")
     damping.legend(fontsize=9)
-    given = ", ".join(f"{c.name}, {c.signals[0]} to {'+'.join(c.devices)}" for c in margin.case.controllers)
-    figure.suptitle(f"{margin.case.system.name}: {given}, {margin.case.run.frame_rate} frames/s", fontsize=11)
+    controllers_text = ", ".join(f"{c.name}, {c.signals[0]} to {'+'.join(c.devices)}" for c in margin.case.controllers)
+    figure.suptitle(
+        f"{margin.case.system.name}: {controllers_text}, {margin.case.run.frame_rate} frames/s", fontsize=11
+    )
     return save_picture(figure, path, dpi=DPI, metadata={"Software": None})

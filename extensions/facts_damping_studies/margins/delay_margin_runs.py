@@ -87,9 +87,9 @@ def pulse_margin(case: Case, linear: float, looked: Callable[[], None] = lambda:
     """The delay (s) at which a pulse neither grows nor decays; None if it is not near the linear margin."""
 
     def rate(delay: float) -> float:
-        found = growth(loop.run(pulsed(case, delay)))
+        growth_rate = growth(loop.run(pulsed(case, delay)))
         looked()
-        return found
+        return growth_rate
 
     low, high = max(0.0, linear - REACH), linear + REACH
     if rate(low) >= 0.0 or rate(high) <= 0.0:
@@ -102,11 +102,11 @@ def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
     record = loop.run(with_delay(_lasting(case, max(HORIZONS)), delay))
     lost = np.inf if record.in_synchronism.all() else record.time_s[-1]
     twin = twin_of(record)
-    swings, found = swings_of(record, twin), dict[tuple[str, float], bool]()
+    swings, holds_by_criterion = swings_of(record, twin), dict[tuple[str, float], bool]()
     for horizon in HORIZONS:
         run = _judged(record, twin, shortened(swings, horizon)) if lost >= horizon else Judged(LOST)
-        found |= {(criterion, horizon): not fails(criterion, run) for criterion in CRITERIA}
-    return found
+        holds_by_criterion |= {(criterion, horizon): not fails(criterion, run) for criterion in CRITERIA}
+    return holds_by_criterion
 
 
 def _judged(record: Record, twin: Twin | None, swings: Swings) -> Judged:

@@ -104,21 +104,21 @@ def delayed_loop(case: Case) -> DelayedLoop:
     for i, controller in enumerate(case.controllers):
         row = kind_of(controller)
         if row.network is not None or row.program or row.node:
-            given = f"'{controller.name}' given, which is not linear and has no linear margin"
+            problem = f"'{controller.name}' given, which is not linear and has no linear margin"
             allowed = f"{', '.join(linear_ones)}, a `linear` law {OTHERS}"
-            raise InputError(f"controllers.{i}.name: {given}; allowed: {allowed}")
+            raise InputError(f"controllers.{i}.name: {problem}; allowed: {allowed}")
         if controller.compensation != "none":
-            given = f"'{controller.compensation}' given, which changes during the run"
-            raise InputError(f"controllers.{i}.compensation: {given}; allowed: none {OTHERS}")
+            problem = f"'{controller.compensation}' given, which changes during the run"
+            raise InputError(f"controllers.{i}.compensation: {problem}; allowed: none {OTHERS}")
     built = build(case.system, case.run.devices, [])
     pmus, rate = [s.name for s in case.system.pmus], case.run.frame_rate
     model = linearisation.linear_model(built, case.system.signals, pmus, case.filter, rate)
     delays = link_delays(case)
-    made, state, *_ = build_control(case)
+    bank, state, *_ = build_control(case)
     controllers, names = [], list(built.state_names)
     for c, (controller, name) in enumerate(zip(case.controllers, controller_names(case), strict=True)):
-        observes = made.code[c] == STATE_SPACE
-        matrices = _observer(made, c) if observes else _difference_equations(made, state, c)
+        observes = bank.code[c] == STATE_SPACE
+        matrices = _observer(bank, c) if observes else _difference_equations(bank, state, c)
         names += [f"{name}.{i}" for i in range(len(matrices[0]))]
         signals = [list(case.system.signals).index(signal) for signal in controller.signals]
         devices = [case.run.devices.index(device) for device in controller.devices]
@@ -134,15 +134,15 @@ def link_delays(case: Case) -> list[float]:
     stages = [[*link.up, *link.down] for link in case.links]
     for stage in (stage for link in stages for stage in link):
         if (stage.channels, stage.start, stage.duration) != (None, 0.0, None):
-            given = "a stage with `channels`, `start` or `duration` given"
-            raise InputError(f"link: {given}; allowed: the same delay for all")
+            problem = "a stage with `channels`, `start` or `duration` given"
+            raise InputError(f"link: {problem}; allowed: the same delay for all")
     return [mean_delay(link) for link in stages]
 
 
 def with_delay(case: Case, delay: float) -> Case:
     """The same run with a total delay (s) of its shortest link; the excess of longer links is kept."""
-    own = link_delays(case)
-    links = [Link(up=[Constant(delay=delay + length - min(own))]) for length in own]
+    lengths = link_delays(case)
+    links = [Link(up=[Constant(delay=delay + length - min(lengths))]) for length in lengths]
     return replace(case, links=links)
 
 
@@ -173,8 +173,8 @@ def _difference_equations(bank: Bank, state: BankState, c: int) -> Matrices:
     whole = np.array([*(follow(unit, 0.0) for unit in np.eye(n)), follow(np.zeros(n), 1.0)]).T
     together = follow(np.full(n, 0.5), 0.5)
     if not np.allclose(together, whole.sum(axis=1) / 2.0, rtol=1e-9, atol=1e-12 * np.abs(whole).max()):
-        given = "a controller whose law is not linear given"
-        raise InputError(f"controllers.{c}.name: {given}; allowed: a linear one {OTHERS}")
+        problem = "a controller whose law is not linear given"
+        raise InputError(f"controllers.{c}.name: {problem}; allowed: a linear one {OTHERS}")
     return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
 
 
@@ -207,31 +207,34 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
     sizes.append(0 if filters is None else filters.frames * len(used))
     plant, *others = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])  # rows that select each part
     memories, sent = others[: len(loop.controllers)], others[len(loop.controllers) :]
-    sent, kept = sent[:-1], sent[-1]
+    sent, memory = sent[:-1], sent[-1]
     C, D = model.seen
     seen = C @ plant
     for c, way, buffer in zip(loop.controllers, ways, sent, strict=True):
         seen += D[:, c.devices] @ _of_frames(buffer, [frames for frames, _ in way])
     if filters is not None:
-        seen[used] = filters.taps[:, 0, None] * seen[used] + kept[: len(used)]
+        seen[used] = filters.taps[:, 0, None] * seen[used] + memory[: len(used)]
     frame, held = loop.halved[0]
     moved, following = frame @ plant, []
     buffers, inputs = [], []
     for c, z, buffer, way in zip(loop.controllers, memories, sent, ways, strict=True):
         y = seen[c.signals]
-        given = np.vstack([c.C @ z + c.D @ y, buffer])  # u(k) to u(k-n-1)
-        new = _of_frames(given, [frames for frames, _ in way])
-        old = _of_frames(given, [frames + 1 for frames, _ in way])
+        setpoints = np.vstack([c.C @ z + c.D @ y, buffer])  # u(k) to u(k-n-1)
+        new = _of_frames(setpoints, [frames for frames, _ in way])
+        old = _of_frames(setpoints, [frames + 1 for frames, _ in way])
         for rest in sorted({rest for _, rest in way}):
-            part, own = rest / NANOSECONDS * period, [i for i, one in enumerate(way) if one[1] == rest]
-            columns = [c.devices[i] for i in own]
+            part, channels = (
+                rest / NANOSECONDS * period,
+                [i for i, delay_pair in enumerate(way) if delay_pair[1] == rest],
+            )
+            columns = [c.devices[i] for i in channels]
             after = effect(loop.halved, model.A, model.B, period, period - part)
-            moved = moved + (held - after)[:, columns] @ old[own] + after[:, columns] @ new[own]
-            inputs.append((columns, old[own], new[own], part))
+            moved = moved + (held - after)[:, columns] @ old[channels] + after[:, columns] @ new[channels]
+            inputs.append((columns, old[channels], new[channels], part))
         following.append(c.A @ z + c.B @ y)
-        buffers.append(given[: -len(c.devices)])
+        buffers.append(setpoints[: -len(c.devices)])
     if filters is not None:
-        buffers.append(remember(filters, samples(filters, model.A, model.B, plant, inputs), kept))
+        buffers.append(remember(filters, samples(filters, model.A, model.B, plant, inputs), memory))
     return np.vstack([moved, *following, *buffers])
 
 
@@ -253,9 +256,9 @@ def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDA
         A, B, C, D = (block_diag(*parts) for parts in zip(*terms, strict=True))
         ways.append(_in_series(_continuous(c, 1.0 / loop.frame_rate), (A, B, C, D)))
     A, B, C, D = (block_diag(*parts) for parts in zip(*ways, strict=True))
-    given = [signal for c in loop.controllers for signal in c.signals]
+    used_signals = [signal for c in loop.controllers for signal in c.signals]
     sent = [device for c in loop.controllers for device in c.devices]
-    b, c_, d = model.B[:, sent], model.C[given], model.D[np.ix_(given, sent)]
+    b, c_, d = model.B[:, sent], model.C[used_signals], model.D[np.ix_(used_signals, sent)]
     within = np.linalg.inv(np.eye(len(sent)) - D @ d)  # algebraic loop of setpoints and signals
     seen = d @ within
     return np.block([[model.A + b @ within @ D @ c_, b @ within @ C], [B @ (c_ + seen @ D @ c_), A + B @ seen @ C]])
@@ -300,10 +303,10 @@ def eigen(loop: DelayedLoop, matrix: NDArray[np.float64], *, discrete: bool = Tr
     n, plant = len(loop.names), len(loop.rigid)
     beside = right.copy()  # normalised
     beside[:plant] -= loop.rigid @ (loop.rigid.T @ right[:plant])
-    kept = np.argsort(np.linalg.norm(beside, axis=0))[loop.rigid.shape[1] :]
+    flexible = np.argsort(np.linalg.norm(beside, axis=0))[loop.rigid.shape[1] :]
     if discrete:
-        kept = kept[np.abs(values[kept]) > FADED]
+        flexible = flexible[np.abs(values[flexible]) > FADED]
         values = np.where(np.abs(values) > FADED, values, 1.0)
         values = loop.frame_rate * np.log(values.astype(complex))
-    order = kept[np.argsort(-values[kept].real)]
+    order = flexible[np.argsort(-values[flexible].real)]
     return Eigen(values[order], right[:n, order], left[:n, order].conj())

@@ -98,16 +98,16 @@ def holding(searches: Sequence[Mapping[float, bool | None]]) -> list[list[float]
     run = [(failed, values) for failed in searches if (values := _known(failed))]
     points = {end for _, values in run for end in (values[0], values[-1])}
     points |= {(low + high) / 2 for failed, _ in run for low, high in changes(failed)}
-    found: list[list[float]] = []
+    intervals: list[list[float]] = []
     for low, high in pairwise(sorted(points)):
         holds = [_holds(failed, values, (low + high) / 2) for failed, values in run]
         if 2 * sum(holds) < len(holds):
             continue
-        if found and found[-1][1] == low:
-            found[-1][1] = high
+        if intervals and intervals[-1][1] == low:
+            intervals[-1][1] = high
         else:
-            found.append([low, high])
-    return [[round(end, DIGITS) for end in one] for one in found]
+            intervals.append([low, high])
+    return [[round(end, DIGITS) for end in interval] for interval in intervals]
 
 
 def _known(failed: Mapping[float, bool | None]) -> list[float]:
@@ -136,8 +136,8 @@ def max_runs(margin: Margin) -> int:
 
 def over_seeds(brackets: Sequence[Bracket], margin: Margin, seed: int) -> OverSeeds:
     """The median margin over seeds with an interval; `seed`: of the bootstrap."""
-    lows = np.array([-np.inf if one.low is None else one.low for one in brackets])
-    highs = np.array([np.inf if one.high is None else one.high for one in brackets])
+    lows = np.array([-np.inf if seed_bracket.low is None else seed_bracket.low for seed_bracket in brackets])
+    highs = np.array([np.inf if seed_bracket.high is None else seed_bracket.high for seed_bracket in brackets])
     with np.errstate(invalid="ignore"):
         middles = (lows + highs) / 2.0  # not a number where nothing was run
     return OverSeeds(
@@ -145,8 +145,8 @@ def over_seeds(brackets: Sequence[Bracket], margin: Margin, seed: int) -> OverSe
         low_s=_finite(_end(lows, 0, seed)),
         high_s=_finite(_end(highs, 1, seed)),
         seeds=len(brackets),
-        monotonic=not any(one.again for one in brackets),
-        holds_again=sorted({value for one in brackets for value in one.again}),
+        monotonic=not any(seed_bracket.again for seed_bracket in brackets),
+        holds_again=sorted({value for seed_bracket in brackets for value in seed_bracket.again}),
         beyond="low" if np.median(middles) == -np.inf else "high" if np.median(middles) == np.inf else None,
         per_seed=[_finite(value) for value in middles] if len(brackets) > 1 else None,
         field=margin.column,

@@ -25,12 +25,12 @@ def plot(modal: Modal, folder: Path) -> list[Path]:
     """Draw one_line.png, mode_shapes.png, and with installed devices transfer_functions.png into a folder."""
     interarea = [mode for mode in modal.swings if mode.label == "interarea"] or shown_modes(modal)
     minimum = min(interarea, key=lambda mode: mode.damping_ratio, default=None)
-    made = [one_line.plot(modal.system, modal.built.flow, modal.devices, minimum, folder / "one_line.png")]
+    paths = [one_line.plot(modal.system, modal.built.flow, modal.devices, minimum, folder / "one_line.png")]
     if modal.swings:
-        made.append(_plot_shapes(modal, folder / "mode_shapes.png"))
+        paths.append(_plot_shapes(modal, folder / "mode_shapes.png"))
     if modal.devices and modal.system.signals:
-        made.append(_plot_transfer(modal, folder / "transfer_functions.png"))
-    return made
+        paths.append(_plot_transfer(modal, folder / "transfer_functions.png"))
+    return paths
 
 
 def _plot_shapes(modal: Modal, path: Path) -> Path:
@@ -63,12 +63,12 @@ def _label_places(shape: Mapping[str, complex]) -> dict[str, tuple[float, float]
         far = [name for name in shape if abs(shape[name]) > APART]
         maximum = sorted(far, key=lambda name: -abs(shape[name]))[:MAX_MACHINES]
         return {name: (float(np.angle(shape[name])), 1.08 * abs(shape[name])) for name in maximum}
-    found = {name: (float(np.angle(v)), 1.08 * abs(v)) for name, v in shape.items() if abs(v) > SHORT}
+    places = {name: (float(np.angle(v)), 1.08 * abs(v)) for name, v in shape.items() if abs(v) > SHORT}
     before = -np.inf
     for angle, name in sorted((float(np.angle(v)), name) for name, v in shape.items() if abs(v) <= SHORT):
         before = max(angle, before + APART)
-        found[name] = (before, 2 * SHORT)
-    return found
+        places[name] = (before, 2 * SHORT)
+    return places
 
 
 def _plot_transfer(modal: Modal, path: Path) -> Path:

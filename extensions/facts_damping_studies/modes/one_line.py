@@ -52,14 +52,14 @@ def flows(system: System, flow: PowerFlow, installed: Sequence[str] = ()) -> lis
     devices = [d for d in system.devices if isinstance(d, Series)]
     lost = {d.name: losses_of(d, flow.currents[d.name]) if d.name in installed else 0.0 for d in devices}
     series = [device_section(d, complex(at_rest(d, lost[d.name]))) for d in devices]
-    found = []
-    for one in [*branches(system, Topology()), *series]:
-        ends = np.array([voltage[one.from_bus], voltage[one.to_bus]])
-        entering = (ends * np.conj(one.admittance @ ends)).real * system.base_power
+    powers = []
+    for branch in [*branches(system, Topology()), *series]:
+        ends = np.array([voltage[branch.from_bus], voltage[branch.to_bus]])
+        entering = (ends * np.conj(branch.admittance @ ends)).real * system.base_power
         forward = entering[0] >= entering[1]
-        buses = (one.from_bus, one.to_bus) if forward else (one.to_bus, one.from_bus)
-        found.append((*buses, float(entering.max())))
-    return found
+        buses = (branch.from_bus, branch.to_bus) if forward else (branch.to_bus, branch.from_bus)
+        powers.append((*buses, float(entering.max())))
+    return powers
 
 
 def plot(
@@ -101,24 +101,24 @@ def plot(
     return save_picture(figure, path, dpi=130)
 
 
-def _branches(axes: Axes, at: Places, flows: list[tuple[str, str, float]], taken: list[Float1]) -> None:
+def _branches(axes: Axes, at: Places, power_flows: list[tuple[str, str, float]], occupied: list[Float1]) -> None:
     """Draw branches with a width by power and an arrow in its direction; the largest are labelled where there is room.
 
-    `taken`: places of machines.
+    `occupied`: places of machines.
     """
-    maximum = max((power for *_, power in flows), default=1.0) or 1.0
+    maximum = max((power for *_, power in power_flows), default=1.0) or 1.0
     room, crowded = LABELS, len(at) > NAMED
     near = APART * np.ptp(np.array(list(at.values())), axis=0).max()
-    for a, b, power in sorted(flows, key=lambda one: -one[2]):
+    for a, b, power in sorted(power_flows, key=lambda flow: -flow[2]):
         start, end = at[a], at[b]
         width = THINNEST + (WIDEST - THINNEST) * power / maximum
         axes.plot(*np.transpose([start, end]), color="0.75", lw=width, zorder=1, solid_capstyle="round")
         middle, onward = start + 0.5 * (end - start), start + 0.54 * (end - start)
         tip = {"arrowstyle": "-|>", "color": "0.4", "mutation_scale": 6.0 + width}
         axes.annotate("", xy=tuple(onward), xytext=tuple(middle), arrowprops=tip, zorder=2)
-        free = not crowded or all(np.hypot(*(middle - other)) > near for other in taken)
+        free = not crowded or all(np.hypot(*(middle - other)) > near for other in occupied)
         if room and power > 0.0 and free:
-            room, taken = room - 1, [*taken, middle]
+            room, occupied = room - 1, [*occupied, middle]
             axes.annotate(f"{power:.0f}", tuple(middle), fontsize=7, ha="center", va="bottom", zorder=6)
 
 

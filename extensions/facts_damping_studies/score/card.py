@@ -73,16 +73,16 @@ def run_set(
     """
     every = {NONE: (), **controllers}
     tasks = [(name, rows, i) for name, rows in every.items() for i in range(len(case_set.content.cases))]
-    found: dict[str, dict[int, Measured]] = {name: {} for name in every}
+    measured_by_name: dict[str, dict[int, Measured]] = {name: {} for name in every}
     for rows in controllers.values():
         build_loop(case_of(case_set, rows, 0))
     with workers(jobs) as each:
         for done, (name, i, measured) in enumerate(each(partial(_one, case_set), tasks)):
             if isinstance(measured, str):
                 raise InputError(f"{case_set.name}, case {i} with {name}: {measured}")
-            found[name][i] = measured
+            measured_by_name[name][i] = measured
             progress(done + 1, len(tasks))
-    return {name: [rows[i] for i in sorted(rows)] for name, rows in found.items()}
+    return {name: [rows[i] for i in sorted(rows)] for name, rows in measured_by_name.items()}
 
 
 def _one(case_set: Set, task: tuple[str, Controllers, int]) -> tuple[str, int, Measured | str]:
@@ -125,10 +125,16 @@ def estimate(values: NDArray[np.float64], kinds: Sequence[str]) -> Estimate:
     random = np.random.default_rng(len(values))
     names = dict.fromkeys(kinds)
     groups = [values[[kind == name for kind in kinds]] for name in names]
-    drawn = np.mean([own[random.integers(len(own), size=(RESAMPLES, len(own)))].mean(axis=1) for own in groups], axis=0)
+    drawn = np.mean(
+        [
+            kind_values[random.integers(len(kind_values), size=(RESAMPLES, len(kind_values)))].mean(axis=1)
+            for kind_values in groups
+        ],
+        axis=0,
+    )
     tail = (1.0 - CONFIDENCE) / 2.0
     low, high = np.quantile(drawn, [tail, 1.0 - tail])
-    middle = np.mean([own.mean() for own in groups])
+    middle = np.mean([kind_values.mean() for kind_values in groups])
     return Estimate(*(_rounded(100.0 * (np.exp(x) - 1.0)) for x in (middle, low, high)))
 
 
@@ -146,17 +152,17 @@ def _rounded(value: float) -> float:
 def card(case_set: Set, name: str, measured_runs: Mapping[str, Sequence[Measured]]) -> ScoreCard:
     """The card of a controller, from what `run_set` found."""
     kinds = [case.kind for case in case_set.content.cases]
-    own, none = measured_runs[name], measured_runs[NONE]
-    ratios = logs(own, none)
+    measured_cases, none = measured_runs[name], measured_runs[NONE]
+    ratios = logs(measured_cases, none)
     by_kind: dict[str, KindScore] = {}
     for kind in case_set.content.kinds:
-        at = [i for i, one in enumerate(kinds) if one == kind]
+        at = [i for i, case_kind in enumerate(kinds) if case_kind == kind]
         by_kind[kind] = KindScore(
             cases=len(at),
             change=estimate(ratios[at], [kind] * len(at)),
-            lost=sum(own[i].lost_s is not None for i in at),
+            lost=sum(measured_cases[i].lost_s is not None for i in at),
             lost_without_control=sum(none[i].lost_s is not None for i in at),
-            tripped=sum(own[i].tripped for i in at),
+            tripped=sum(measured_cases[i].tripped for i in at),
         )
     whole = estimate(ratios, kinds)
     others = {other: rows for other, rows in measured_runs.items() if other not in (name, NONE)}
@@ -167,10 +173,10 @@ def card(case_set: Set, name: str, measured_runs: Mapping[str, Sequence[Measured
         score=_rounded(-whole.high),
         change=whole,
         kinds=by_kind,
-        against={other: estimate(logs(own, rows), kinds) for other, rows in others.items()},
-        effort=_rounded(float(np.mean([one.effort for one in own]))),
-        saturated=_rounded(float(np.mean([one.saturated for one in own]))),
-        cases=[(kind, _plain(one)) for kind, one in zip(kinds, own, strict=True)],
+        against={other: estimate(logs(measured_cases, rows), kinds) for other, rows in others.items()},
+        effort=_rounded(float(np.mean([measured.effort for measured in measured_cases]))),
+        saturated=_rounded(float(np.mean([measured.saturated for measured in measured_cases]))),
+        cases=[(kind, _plain(measured)) for kind, measured in zip(kinds, measured_cases, strict=True)],
         does_harm=[kind for kind, row in by_kind.items() if row.change.low > NOTICED],
     )
 
@@ -179,8 +185,8 @@ def cards_of(
     case_set: Set, controllers: Mapping[str, Controllers], jobs: int, progress: Callable[[int, int], None]
 ) -> list[ScoreCard]:
     """The cards of controllers, each beside the others, in their order. Raises `InputError`."""
-    found = run_set(case_set, controllers, jobs, progress)
-    return [card(case_set, name, found) for name in controllers]
+    measured_runs = run_set(case_set, controllers, jobs, progress)
+    return [card(case_set, name, measured_runs) for name in controllers]
 
 
 def ranking(cards: Sequence[ScoreCard]) -> list[ScoreCard]:

@@ -20,48 +20,48 @@ LAWS = ("A", "num", "zeros")  # keys of a YAML file with a linear law
 KEPT = ("link", "namespace")  # fields of a run's controllers that belong to its deployment
 
 
-def candidates(case_set: Set, given: Any, against: Sequence[str] | None) -> dict[str, list[dict[str, Any]]]:
+def candidates(case_set: Set, controller: Any, against: Sequence[str] | None) -> dict[str, list[dict[str, Any]]]:
     """Name: rows, of what is given and of those beside it, by default the set's; None given: all of the set.
 
     Raises `InputError`.
     """
-    if given is None:
+    if controller is None:
         if against is not None:
             raise InputError("--against: given without CONTROLLER; allowed: beside one")
         return case_set.content.controllers
     others = [controllers_of(other, case_set, "--against") for other in against or case_set.content.beside]
-    return dict([controllers_of(given, case_set), *others])
+    return dict([controllers_of(controller, case_set), *others])
 
 
-def controllers_of(given: Any, case_set: Set, where: str = "CONTROLLER") -> tuple[str, list[dict[str, Any]]]:
+def controllers_of(controller: Any, case_set: Set, where: str = "CONTROLLER") -> tuple[str, list[dict[str, Any]]]:
     """Name, and rows of controllers, of what is given: text, a row, or a list of rows.
 
     Text may be a name in the set, in `facts-damping list controllers` or of a run, `module:Class` or `file.py:Class`, a
     run file, an FMU, or a linear law. `where`: the argument, for errors. Raises `InputError`.
     """
-    if isinstance(given, dict):
-        return str(given.get("name", "controller")), [given]
-    if not isinstance(given, str):
-        return " + ".join(str(row.get("name", "controller")) for row in given), list(given)
-    if given in case_set.content.controllers:
-        return given, case_set.content.controllers[given]
-    if given in CONTROLLERS:
-        return given, [{"name": given}]
-    return given, _of_text(given, where)
+    if isinstance(controller, dict):
+        return str(controller.get("name", "controller")), [controller]
+    if not isinstance(controller, str):
+        return " + ".join(str(row.get("name", "controller")) for row in controller), list(controller)
+    if controller in case_set.content.controllers:
+        return controller, case_set.content.controllers[controller]
+    if controller in CONTROLLERS:
+        return controller, [{"name": controller}]
+    return controller, _of_text(controller, where)
 
 
-def _of_text(given: str, where: str) -> list[dict[str, Any]]:
-    path = Path(given)
-    if ":" in given and not path.exists():
-        return [{"name": given.rpartition(":")[2], "policy": given}]
+def _of_text(text: str, where: str) -> list[dict[str, Any]]:
+    path = Path(text)
+    if ":" in text and not path.exists():
+        return [{"name": text.rpartition(":")[2], "policy": text}]
     if path.suffix == ".fmu":
-        return [{"name": path.stem, "fmu": given}]
+        return [{"name": path.stem, "fmu": text}]
     if path.suffix in LINEAR or (path.suffix in (".yaml", ".yml") and path.is_file() and _is_law(path)):
-        return [{"name": path.stem, "linear": given}]
-    if path.suffix not in (".yaml", ".yml") and given not in shipped("runs"):
+        return [{"name": path.stem, "linear": text}]
+    if path.suffix not in (".yaml", ".yml") and text not in shipped("runs"):
         allowed = "a controller, module:Class, file.py:Class, a run, an .fmu, .npz or .mat file"
-        raise InputError(f"{where}: '{given}' given; allowed: {allowed}")
-    content, source = read_run(given)
+        raise InputError(f"{where}: '{text}' given; allowed: {allowed}")
+    content, source = read_run(text)
     rows = content.get("controllers") or []
     if not rows:
         raise InputError(f"{source}: no controllers; allowed: a run with controllers")

@@ -55,5 +55,5 @@ def _response(case: Case, record: Record, after: float) -> tuple[float, float]:
     if not times:
         x = x[t >= SETTLED]
         return float(np.sqrt(np.mean(np.square(x)))), float(np.abs(x).max())
-    kept = (t >= min(times)) & (t <= max(times) + after)
-    return performance_indices(t[kept], x[kept], min(times))["ITAE"], float(np.abs(x[kept]).max())
+    inside = (t >= min(times)) & (t <= max(times) + after)
+    return performance_indices(t[inside], x[inside], min(times))["ITAE"], float(np.abs(x[inside]).max())

@@ -39,8 +39,8 @@ def worst(case_set: Set, rows: Controllers, cases: int) -> Hunted:
 
     The same search for each controller, with the margin of the campaigns' rule `does_no_harm`.
     """
-    found = search(campaign_of(case_set, rows), RULE, cases)
-    row = min(found, key=lambda one: margin(one.margins, RULE), default=None)
+    hunted = search(campaign_of(case_set, rows), RULE, cases)
+    row = min(hunted, key=lambda hunted_row: margin(hunted_row.margins, RULE), default=None)
     if row is None or row.margins.get(RULE) is None:
         return Hunted(cases, None)
     drawn, case = row.drawn, int(row.drawn.base_run)
@@ -55,8 +55,8 @@ def with_worst(
     if not cases:
         return list(cards)
     with workers(jobs) as each:
-        found = dict(each(partial(_named, case_set, cases), list(controllers.items())))
-    return [replace(card, hunted=found[card.controller]) for card in cards]
+        worst_by_name = dict(each(partial(_named, case_set, cases), list(controllers.items())))
+    return [replace(card, hunted=worst_by_name[card.controller]) for card in cards]
 
 
 def _named(case_set: Set, cases: int, task: tuple[str, Controllers]) -> tuple[str, Hunted]:

@@ -30,7 +30,7 @@ def differential_evolution(
     objective: Objective, population: NDArray[np.float64], generations: int, random: np.random.Generator
 ) -> Found:
     """Storn and Price, Journal of Global Optimization 11, 1997; strategy best/1/bin with dither, as in SciPy."""
-    found = scipy.optimize.differential_evolution(
+    optimum = scipy.optimize.differential_evolution(
         objective,
         [(0.0, 1.0)] * population.shape[1],
         init=population,
@@ -39,7 +39,7 @@ def differential_evolution(
         tol=0.0,
         polish=False,
     )
-    return Found(found.x, float(found.fun), found.population)
+    return Found(optimum.x, float(optimum.fun), optimum.population)
 
 
 def cma_es(

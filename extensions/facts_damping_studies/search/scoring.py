@@ -73,13 +73,13 @@ class Score(NamedTuple):
     undamped: float  # fraction of draws
 
 
-def figures(record: Record, twin: Twin | None = None) -> Figures:
+def figures(record: Record, twin_run: Twin | None = None) -> Figures:
     """Figures of a run with its twin; for a run that loses synchronism only how long it lasted."""
     if not record.in_synchronism.all():
         duration = float(record.configuration["duration"])
         return Figures(min(float(record.time_s[-1]) / duration, 1.0 - 1e-9), {}, 0.0, damped=False)
-    swings = swings_of(record, twin)
-    verdict = judge_run(record, twin, swings).judgement.verdict
+    swings = swings_of(record, twin_run)
+    verdict = judge_run(record, twin_run, swings).judgement.verdict
     dies = verdict not in (GROWING, LIMIT_CYCLE)  # an undecided verdict is no failure: the last event was late
     return Figures(1.0, performance_indices(record.time_s, swings.own), mean_effort(record), dies)
 
@@ -98,28 +98,30 @@ def draws(
     reference. `link` replaces the ensemble's link. Raises `InputError` if the system has no such ensemble, if the
     reference is not tuned, or if there are too few draws.
     """
-    made = ensemble(system, study, profile)
+    plan = ensemble(system, study, profile)
     if reference == REFERENCE and (REFERENCE, None) not in tuned(system, ["speed"], ["sssc"]):
         allowed = "a system for which it is, or --against none"
         raise InputError(f"SYSTEM: '{system}' given, for which LLC-tuned is not tuned; allowed: {allowed}")
-    base = made.base if link is None else made.base._replace(set={**made.base.set, "link": link})
-    given, found = names(base, made.points[0].changes), list[Draw]()
-    if given.scenario == SCENARIO:
+    base = plan.base if link is None else plan.base._replace(set={**plan.base.set, "link": link})
+    run_names, ensemble_draws = names(base, plan.points[0].changes), list[Draw]()
+    if run_names.scenario == SCENARIO:
         plain = {name: value for name, value in base.set.items() if name in ("profile", "link")}
-        plain |= {"system": given.system, "scenario": given.scenario}
-        found.append(_draw(make(base._replace(set=plain, content={}), {}), reference))
-    random = {name for axis in made.study.sweep for name in drawn_columns(axis)}
-    for point in made.points:
-        if len(found) >= number:
+        plain |= {"system": run_names.system, "scenario": run_names.scenario}
+        ensemble_draws.append(_draw(make(base._replace(set=plain, content={}), {}), reference))
+    random = {name for axis in plan.study.sweep for name in drawn_columns(axis)}
+    for point in plan.points:
+        if len(ensemble_draws) >= number:
             break
         group = tuple(value for name, value in point.columns.items() if name not in random)
         try:
-            found.append(_draw(make(base, point.changes), reference, group))
+            ensemble_draws.append(_draw(make(base, point.changes), reference, group))
         except FactsDampingError:
             continue
-    if len(found) < number:
-        raise InputError(f"{made.base.source}: {len(found)} draws in synchronism given; allowed: at least {number}")
-    return found
+    if len(ensemble_draws) < number:
+        raise InputError(
+            f"{plan.base.source}: {len(ensemble_draws)} draws in synchronism given; allowed: at least {number}"
+        )
+    return ensemble_draws
 
 
 def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFILE) -> sweep.SweepPlan:
@@ -134,15 +136,15 @@ def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFI
         if system not in known:
             allowed = f"{', '.join(known)}, or a study with training cases by --study"
             raise InputError(f"SYSTEM: '{system}' given without --study; allowed: {allowed}")
-    made = sweep.plan(study or f"search_{system}{end}", [f"profile={profile}"] if end else [])
-    for point in made.points:
-        given, source = names(made.base, point.changes), made.base.source
-        if given.system not in (system, CUSTOM):
-            raise InputError(f"{source}: system: '{given.system}' given; allowed: '{system}', the SYSTEM")
-        if system in systems and given.scenario not in (SCENARIO, CUSTOM):
+    plan = sweep.plan(study or f"search_{system}{end}", [f"profile={profile}"] if end else [])
+    for point in plan.points:
+        run_names, source = names(plan.base, point.changes), plan.base.source
+        if run_names.system not in (system, CUSTOM):
+            raise InputError(f"{source}: system: '{run_names.system}' given; allowed: '{system}', the SYSTEM")
+        if system in systems and run_names.scenario not in (SCENARIO, CUSTOM):
             allowed = f"{SCENARIO} of {system}, or events"
-            raise InputError(f"{source}: scenario: '{given.scenario}' given; allowed: {allowed}")
-    return made
+            raise InputError(f"{source}: scenario: '{run_names.scenario}' given; allowed: {allowed}")
+    return plan
 
 
 def trained_on(system: str, study: str | None, profile: str) -> Any:
@@ -156,18 +158,18 @@ def trained_on(system: str, study: str | None, profile: str) -> Any:
 def _draw(case: Case, reference: str, group: tuple[Any, ...] = ()) -> Draw:
     """A draw made from its case. Raises `InputError` if the reference loses synchronism."""
     content = {**case.document(), "asked": None}
-    found = run(content, None if reference == NONE else Controller(name=reference))
-    if found.lasted < 1.0:
+    reference_figures = run(content, None if reference == NONE else Controller(name=reference))
+    if reference_figures.lasted < 1.0:
         raise InputError(f"{reference} loses synchronism")
-    return Draw(content, found, group)
+    return Draw(content, reference_figures, group)
 
 
 def run(content: Mapping[str, Any], controller: Controller | None) -> Figures:
     """The figures of a controller in a draw with its devices installed; None: without control."""
-    own: dict[str, Any] = {"controllers": []}
+    fields: dict[str, Any] = {"controllers": []}
     if controller is not None:
-        own = {"devices": controller.devices, "controllers": [controller.model_dump()]}
-    case = make_case({**content, **own}, "search")
+        fields = {"devices": controller.devices, "controllers": [controller.model_dump()]}
+    case = make_case({**content, **fields}, "search")
     record = loop.run(case)
     return figures(record, twin(case, record))
 
@@ -177,22 +179,22 @@ def score(controller: Controller, against: Sequence[Draw], worst: int = 100, *, 
 
     `worst`: percentage of draws that count, the worst for each index. `medians`: use medians of groups, not means.
     """
-    found: list[Figures] = []
+    all_figures: list[Figures] = []
     for draw in against:
-        one = run(draw.content, controller)
-        if one.lasted < 1.0:
-            return Score(LOST * (2.0 - (len(found) + one.lasted) / len(against)), {}, 1.0)
-        found.append(one)
-    pairs = list(zip(found, (draw.reference for draw in against), strict=True))
+        run_figures = run(draw.content, controller)
+        if run_figures.lasted < 1.0:
+            return Score(LOST * (2.0 - (len(all_figures) + run_figures.lasted) / len(against)), {}, 1.0)
+        all_figures.append(run_figures)
+    pairs = list(zip(all_figures, (draw.reference for draw in against), strict=True))
     logs = np.array([[np.log(a.indices[name] / b.indices[name]) for a, b in pairs] for name in THESIS_INDICES])
     if medians:  # of the draws of each group
         groups = [draw.group for draw in against]
-        each = [[one == group for one in groups] for group in dict.fromkeys(groups)]
+        each = [[other_group == group for other_group in groups] for group in dict.fromkeys(groups)]
         counted = np.column_stack([np.median(logs[:, chosen], axis=1) for chosen in each])
     else:
         counted = np.sort(logs)[:, -math.ceil(worst * len(pairs) / 100) :].mean(axis=1)
     effort = float(np.mean([a.effort - b.effort for a, b in pairs]))
-    undamped = float(np.mean([not one.damped for one in found]))
+    undamped = float(np.mean([not each_figures.damped for each_figures in all_figures]))
     value = float(counted.max()) + UNDAMPED * undamped + PRICE * max(0.0, effort)
     ratios = np.exp(logs.mean(axis=1))
     return Score(value, {name: float(ratio) for name, ratio in zip(THESIS_INDICES, ratios, strict=True)}, undamped)

@@ -131,21 +131,21 @@ def climb(task: SearchTask, rung: Rung, entry: Entry) -> Entry:
     def objective(at: NDArray[np.float64]) -> float:
         return _score(task, choice.controller(at), rung.draws).value
 
-    found = METHODS[task.method](objective, start, rung.generations, random)
-    best = choice.controller(found.best)
-    made = (*entry.scores, _score(task, best, rung.draws))
-    return entry._replace(population=found.population, controller=best, scores=made)
+    optimum = METHODS[task.method](objective, start, rung.generations, random)
+    best = choice.controller(optimum.best)
+    scores = (*entry.scores, _score(task, best, rung.draws))
+    return entry._replace(population=optimum.population, controller=best, scores=scores)
 
 
 def _first(task: SearchTask, choice: Choice, random: np.random.Generator) -> NDArray[np.float64]:
     """The first points of a structure's search."""
     known = choice.starts(task.start)[:POPULATION]
-    made: NDArray[np.float64] = qmc.LatinHypercube(choice.size, rng=random).random(POPULATION)
+    points: NDArray[np.float64] = qmc.LatinHypercube(choice.size, rng=random).random(POPULATION)
     if known and task.deviation is not None:
-        made = (np.resize(known, made.shape) + task.deviation * norm.ppf(made)).clip(0.0, 1.0)
-    for i, one in enumerate(known):
-        made[i] = one
-    return made
+        points = (np.resize(known, points.shape) + task.deviation * norm.ppf(points)).clip(0.0, 1.0)
+    for i, point in enumerate(known):
+        points[i] = point
+    return points
 
 
 def _score(task: SearchTask, controller: Controller, against: Sequence[Draw]) -> Score:
@@ -163,9 +163,9 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
     ensemble(task.system, task.study, task.profile)  # whose message says which systems there are
     asked = structures(load_system(task.system), names, task.devices, task.scheme, task.profile, task.signals)
     if task.compensation == "some":
-        asked = [one for one in asked if kind(one.name).compensates]
+        asked = [structure for structure in asked if kind(structure.name).compensates]
     _check_start(task, asked)
-    left, out = [Entry(one) for one in asked], list[Entry]()
+    left, out = [Entry(structure) for structure in asked], list[Entry]()
     maximum = RUNGS if task.keep_all else rungs(len(left))
     last = task.cases * GROWTH ** (maximum - 1)
     known = draws(task.system, task.link, last + GROWTH * last, task.study, task.profile, task.against)
@@ -202,7 +202,7 @@ def _check_start(task: SearchTask, asked: Sequence[Structure]) -> None:
             allowed = "with tuned, or a run"
             raise InputError(f"--deviation: {task.deviation} given with --start hypercube; allowed: {allowed}")
         return
-    if any(started(task.start, task.system, one) for one in asked):
+    if any(started(task.start, task.system, structure) for structure in asked):
         return
     ports = dict.fromkeys(f"{'+'.join(s.devices)} with {'+'.join(s.signals)} ({s.scheme or s.name})" for s in asked)
     raise InputError(f"--start: '{task.start}' given; allowed: one whose controllers command {', or '.join(ports)}")

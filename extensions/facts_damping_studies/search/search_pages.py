@@ -22,21 +22,21 @@ REFERENCES = {REFERENCE: "LLC-tuned as shipped", NONE: "no control"}
 
 def run_file(task: SearchTask, command: str, entry: Entry) -> str:
     """A run file of an entry on the training scenario, with the command and the scores as a heading."""
-    own = ("name", "scheme", "devices", "signals", "compensation", "parameters")
-    given = entry.controller.model_dump() if entry.controller else {}
+    fields = ("name", "scheme", "devices", "signals", "compensation", "parameters")
+    controller_row = entry.controller.model_dump() if entry.controller else {}
     link = task.link or ("ideal" if task.profile == DEFAULT_PROFILE else None)
     name = f"{entry.structure.name} {entry.structure.scheme or ''}".strip()
-    kept = {
+    content = {
         "description": f"{task.system}: {name}, as a search chose it",
         "profile": None if task.profile == DEFAULT_PROFILE else task.profile,
         "system": task.system,
         "scenario": trained_on(task.system, task.study, task.profile),
         "devices": list(entry.structure.devices),
-        "controllers": [{key: given[key] for key in own if given.get(key) is not None}],
+        "controllers": [{key: controller_row[key] for key in fields if controller_row.get(key) is not None}],
         "link": link,
         "seed": 0,
     }
-    kept = {name: value for name, value in kept.items() if value is not None}
+    content = {name: value for name, value in content.items() if value is not None}
     reached, fresh = entry.scores[-2:]
     head = [
         f"# {command}",
@@ -44,7 +44,7 @@ def run_file(task: SearchTask, command: str, entry: Entry) -> str:
         f"# On training cases that no search had seen: score {fresh.value:.4f}; {_percent(fresh)}.",
         f"# Percent: geometric mean of the index over that of {REFERENCES[task.against]}, less 1 (docs/search.md).",
     ]
-    return "\n".join([*head, dump(kept)])
+    return "\n".join([*head, dump(content)])
 
 
 def tuned(task: SearchTask, command: str, entries: Sequence[Entry]) -> Tuned:
@@ -86,9 +86,9 @@ def rows(entries: Sequence[Entry]) -> list[dict[str, Any]]:
             "devices": list(entry.structure.devices),
             "signals": entry.structure.signals,
             "compensation": entry.controller.compensation if entry.controller else None,
-            "scores": [one.value for one in entry.scores],
-            "ratios": [one.ratios for one in entry.scores],
-            "undamped": [one.undamped for one in entry.scores],
+            "scores": [score.value for score in entry.scores],
+            "ratios": [score.ratios for score in entry.scores],
+            "undamped": [score.undamped for score in entry.scores],
             "parameters": entry.controller.parameters if entry.controller else {},
         }
         for i, entry in enumerate(entries, 1)
@@ -103,6 +103,6 @@ def search_table(entries: Sequence[Entry]) -> list[str]:
     for entry in entries:
         structure = entry.structure
         compensation = entry.controller.compensation if entry.controller else None
-        scores = [f"{one.value:.3f}" for one in entry.scores] + [""] * (maximum - len(entry.scores))
+        scores = [f"{score.value:.3f}" for score in entry.scores] + [""] * (maximum - len(entry.scores))
         cells.append([structure.name, structure.scheme or "-", "+".join(structure.devices), compensation, *scores])
     return table(titles, cells, left=4, markdown=True)

@@ -44,66 +44,70 @@ class Space(NamedTuple):
         Parameters that may be a list are searched for each device. Scales are searched for the first signal, with a
         ratio for each of the others.
         """
-        own = {name: one.search for name, one in self.row.parameters.items() if one.search is not None}
+        ranges = {
+            name: parameter.search for name, parameter in self.row.parameters.items() if parameter.search is not None
+        }
         if self.row.network is None:
-            return self._each(own)
-        of_identifier = {name: own.pop(name) for name in list(own) if name.startswith("identifier_")}
-        dilation = own.pop("dilation")
+            return self._each(ranges)
+        of_identifier = {name: ranges.pop(name) for name in list(ranges) if name.startswith("identifier_")}
+        dilation = ranges.pop("dilation")
         wavelets = {"dilation": dilation} if has_dilation(self.row.network.consequent) else {}
-        made = {**self._each(own), **wavelets, **(of_identifier if self.scheme == "indirect" else {})}
+        coordinates = {**self._each(ranges), **wavelets, **(of_identifier if self.scheme == "indirect" else {})}
         if self.scheme == "indirect" and len(self.signals) * len(self.devices) > 1:
-            made["identifier_horizon"] = HORIZON
-            del made["identifier_weight"]
-        made |= {f"fraction.{i}": FRACTION for i in range(1, len(self.signals))}
-        return {**made, "rate": Range(0.0, 1.0)}
+            coordinates["identifier_horizon"] = HORIZON
+            del coordinates["identifier_weight"]
+        coordinates |= {f"fraction.{i}": FRACTION for i in range(1, len(self.signals))}
+        return {**coordinates, "rate": Range(0.0, 1.0)}
 
     def _each(self, ranges: dict[str, Range]) -> dict[str, Range]:
         """Repeat the ranges of list parameters for each device; without a network also for each signal."""
         counts = {"device": len(self.devices), "signal": len(self.signals) if self.row.network is None else 1}
-        made: dict[str, Range] = {}
-        for name, one in ranges.items():
+        repeated: dict[str, Range] = {}
+        for name, coordinate_range in ranges.items():
             several = counts.get(self.row.parameters[name].each, 1)
-            made |= {f"{name}.{i}": one for i in range(several)} if several > 1 else {name: one}
-        return made
+            repeated |= (
+                {f"{name}.{i}": coordinate_range for i in range(several)} if several > 1 else {name: coordinate_range}
+            )
+        return repeated
 
     def parameters(self, at: NDArray[np.float64], plant: Residues, limit: float) -> dict[str, Value]:
         """Parameters at a point, coordinates from 0 to 1; `limit`: of the first device, p.u."""
-        found: dict[str, list[float]] = {}
-        for (place, one), v in zip(self.ranges.items(), at, strict=True):
-            found.setdefault(place.partition(".")[0], []).append(one.value(float(v)))
+        lists: dict[str, list[float]] = {}
+        for (place, coordinate), v in zip(self.ranges.items(), at, strict=True):
+            lists.setdefault(place.partition(".")[0], []).append(coordinate.value(float(v)))
         for name, by in self._units(plant).items():
-            found[name] = [four_digits(value * by) for value in found[name]] if by != 1.0 else found[name]
+            lists[name] = [four_digits(value * by) for value in lists[name]] if by != 1.0 else lists[name]
         if self.row.network is None:
-            return _numbers_of_lists(found)
-        rate = RATES[int(found.pop("rate")[0] >= 0.5)]
-        for fraction, signal in zip(found.pop("fraction", []), self.signals[1:], strict=True):
+            return _numbers_of_lists(lists)
+        rate = RATES[int(lists.pop("rate")[0] >= 0.5)]
+        for fraction, signal in zip(lists.pop("fraction", []), self.signals[1:], strict=True):
             beside = fraction * abs(plant.ratio(signal, self.signals[0]))
             for name in ("scale", "change_scale"):
-                found[name].append(four_digits(found[name][0] * beside))
+                lists[name].append(four_digits(lists[name][0] * beside))
         if self.scheme == "indirect":
-            if "identifier_horizon" in found:
-                found["identifier_horizon"] = [float(round(found["identifier_horizon"][0]))]
-            for name, by in self._multiples(found, plant, limit, rate).items():
-                found[name] = [four_digits(one * by) for one in found[name]]
-        return {**_numbers_of_lists(found), "rate": rate}
+            if "identifier_horizon" in lists:
+                lists["identifier_horizon"] = [float(round(lists["identifier_horizon"][0]))]
+            for name, by in self._multiples(lists, plant, limit, rate).items():
+                lists[name] = [four_digits(number * by) for number in lists[name]]
+        return {**_numbers_of_lists(lists), "rate": rate}
 
     def place(self, values: Mapping[str, Value], plant: Residues, limit: float) -> NDArray[np.float64]:
         """The point of these parameters, the inverse of `parameters`; missing ones are in the middle of their range."""
         numbers = {name: some for name, some in values.items() if not isinstance(some, str)}
-        found = {name: [float(one) for one in np.atleast_1d(some)] for name, some in numbers.items()}
+        lists = {name: [float(number) for number in np.atleast_1d(some)] for name, some in numbers.items()}
         rate = str(values.get("rate", RATES[0]))
         if self.row.network is not None:
             if self.scheme == "indirect":
-                for name, by in self._multiples(found, plant, limit, rate).items():
-                    found[name] = [one / by for one in found[name]]
+                for name, by in self._multiples(lists, plant, limit, rate).items():
+                    lists[name] = [number / by for number in lists[name]]
             beside = [abs(plant.ratio(signal, self.signals[0])) for signal in self.signals[1:]]
-            found["fraction"] = [b / found["scale"][0] / a for a, b in zip(beside, found["scale"][1:], strict=True)]
-            found["rate"] = [(RATES.index(rate) + 0.5) / len(RATES)]
+            lists["fraction"] = [b / lists["scale"][0] / a for a, b in zip(beside, lists["scale"][1:], strict=True)]
+            lists["rate"] = [(RATES.index(rate) + 0.5) / len(RATES)]
         units, at = self._units(plant), []
-        for place, one in self.ranges.items():
+        for place, coordinate in self.ranges.items():
             name, _, i = place.partition(".")
-            some = found.get(name, [])[max(0, int(i or 0) - (name == "fraction")) :]
-            at.append(one.place(some[0] / units.get(name, 1.0)) if some else 0.5)
+            some = lists.get(name, [])[max(0, int(i or 0) - (name == "fraction")) :]
+            at.append(coordinate.place(some[0] / units.get(name, 1.0)) if some else 0.5)
         return np.array(at)
 
     def _units(self, plant: Residues) -> dict[str, float]:

@@ -47,8 +47,8 @@ class Structure(NamedTuple):
     @property
     def signals(self) -> list[str]:
         """The controller's signals, replaced by their equivalents in the profile."""
-        given = list(self.given) or PORTS[self.devices]
-        return read_profile(self.profile).given(given[: kind(self.name).signals])
+        names = list(self.given) or PORTS[self.devices]
+        return read_profile(self.profile).given(names[: kind(self.name).signals])
 
     @property
     def is_reference(self) -> bool:
@@ -88,11 +88,15 @@ def structures(
             raise InputError(
                 f"CONTROLLER: '{name}' given; allowed: one with parameters to tune (LLC-tuned is included)"
             )
-    given = tuple(signals)
-    found = [
-        Structure(name, one, row, profile, given) for row in rows for name, one in every_scheme([REFERENCE, *others])
+    signal_names = tuple(signals)
+    every_structure = [
+        Structure(name, variant_scheme, row, profile, signal_names)
+        for row in rows
+        for name, variant_scheme in every_scheme([REFERENCE, *others])
     ]
-    return [one for one in found if one.scheme is None or scheme in (None, one.scheme)]
+    return [
+        structure for structure in every_structure if structure.scheme is None or scheme in (None, structure.scheme)
+    ]
 
 
 def started(start: str, system: str, structure: Structure) -> list[dict[str, Value]]:
@@ -105,7 +109,7 @@ def started(start: str, system: str, structure: Structure) -> list[dict[str, Val
         return []
     signals, devices = structure.signals, list(structure.devices)
     if start == "tuned":
-        found = tuned(system, signals, devices, profile=structure.profile)
+        known_parameters = tuned(system, signals, devices, profile=structure.profile)
     else:
         try:
             case = load_case(start)
@@ -113,11 +117,13 @@ def started(start: str, system: str, structure: Structure) -> list[dict[str, Val
             raise InputError(f"--start: {error}; or hypercube, or tuned") from None
         if case.system.name != system:
             raise InputError(f"--start: '{start}' given, a run of {case.system.name}; allowed: one of {system}")
-        own = case.run.controllers
-        found = {(c.name, c.scheme): c.parameters for c in own if (c.signals, c.devices) == (signals, devices)}
+        controllers = case.run.controllers
+        known_parameters = {
+            (c.name, c.scheme): c.parameters for c in controllers if (c.signals, c.devices) == (signals, devices)
+        }
     return [
         values
-        for (name, scheme), values in found.items()
+        for (name, scheme), values in known_parameters.items()
         if scheme == structure.scheme and (scheme is not None or name == structure.name)
     ]
 
@@ -138,7 +144,11 @@ class Choice:
         self.space = Space(row, structure.scheme, structure.signals, structure.devices)
         self.guards = {} if row.network is None else GUARDS
         self.words: dict[str, tuple[str, ...]] = {} if row.network is None else {"anti_windup": OFF_ON}
-        fitting = [one for one in compensations if structure.scheme == "indirect" or one not in OF_IDENTIFIERS]
+        fitting = [
+            compensation
+            for compensation in compensations
+            if structure.scheme == "indirect" or compensation not in OF_IDENTIFIERS
+        ]
         self.words |= {"compensation": tuple(fitting)} if fitting and row.compensates else {}
 
     @property
@@ -152,16 +162,16 @@ class Choice:
 
     def _place(self, values: Mapping[str, Value]) -> NDArray[np.float64]:
         """The point of these parameters; guards not named are as in `deployed`, compensation is none."""
-        usual = {name: one.deployed for name, one in self.space.row.parameters.items()} | dict(values)
-        guards = [one.place(float(str(usual[name] or 0.0))) for name, one in self.guards.items()]
+        usual = {name: parameter.deployed for name, parameter in self.space.row.parameters.items()} | dict(values)
+        guards = [guard.place(float(str(usual[name] or 0.0))) for name, guard in self.guards.items()]
         words = [(some.index(str(usual.get(name, some[0]))) + 0.5) / len(some) for name, some in self.words.items()]
         return np.array([*self.space.place(values, self.plant, self.limit), *guards, *words])
 
     def controller(self, at: NDArray[np.float64]) -> Controller:
         """The controller at a point."""
-        own, more = at[: len(self.space.ranges)], list(at[len(self.space.ranges) :])
-        values = self.space.parameters(own, self.plant, self.limit)
-        values |= {name: one.value(float(more.pop(0))) for name, one in self.guards.items()}
+        coordinates, more = at[: len(self.space.ranges)], list(at[len(self.space.ranges) :])
+        values = self.space.parameters(coordinates, self.plant, self.limit)
+        values |= {name: guard.value(float(more.pop(0))) for name, guard in self.guards.items()}
         words = {name: some[min(int(more.pop(0) * len(some)), len(some) - 1)] for name, some in self.words.items()}
         return Controller(
             name=self.structure.name,

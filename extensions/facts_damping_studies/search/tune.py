@@ -83,11 +83,11 @@ class Trainer:
         fields = {"system": task.system, "scenario": task.scenario, "devices": task.devices, "controllers": []}
         fields |= {} if task.measurement is None else {"measurement": task.measurement}
         self.case = case = changed_case({}, f"tune {task.system}", {"profile": task.profile, **fields})
-        found = plant_residues(case)
-        if found is None:
+        residues = plant_residues(case)
+        if residues is None:
             allowed = "a system whose machines swing"
             raise InputError(f"SYSTEM: {task.system} has no electromechanical mode; allowed: {allowed}")
-        self.residues: Residues = found
+        self.residues: Residues = residues
         self.space = Space(self.row, self.scheme, self.signals, task.devices)
 
     def parameters(self, at: NDArray[np.float64]) -> dict[str, Value]:
@@ -128,9 +128,9 @@ def search(job: Job) -> TunedController:
     trainer = Trainer(job)
     start = _population(len(trainer.space.ranges), job.task.seed)
     generations = max(1, job.task.budget // POPULATION)
-    found = differential_evolution(trainer.objective, start, generations, np.random.default_rng(job.task.seed))
-    reached = float(f"{found.value:.5g}")
-    values = trainer.parameters(found.best)
+    optimum = differential_evolution(trainer.objective, start, generations, np.random.default_rng(job.task.seed))
+    reached = float(f"{optimum.value:.5g}")
+    values = trainer.parameters(optimum.best)
     return TunedController(name=job.name, scheme=job.scheme, objective=reached, parameters=values)
 
 
@@ -147,10 +147,10 @@ def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[
     trainers = [Trainer(job) for job in asked]
     for trainer in trainers:
         trainer.check()
-    made = run_all(search, asked, jobs, progress)
-    own = Controller()
-    more = [f"--devices {','.join(task.devices)}"] if task.devices != own.devices else []
-    more += [f"--signals {','.join(task.signals)}"] if task.signals != own.signals else []
+    tuned_controllers = run_all(search, asked, jobs, progress)
+    default = Controller()
+    more = [f"--devices {','.join(task.devices)}"] if task.devices != default.devices else []
+    more += [f"--signals {','.join(task.signals)}"] if task.signals != default.signals else []
     more += [f"--measurement {task.measurement}"] if task.measurement is not None else []
     more += [f"--profile {task.profile}"] if task.profile != DEFAULT_PROFILE else []
     more += [f"--scenario {task.scenario}"] if task.scenario != SCENARIO else []
@@ -163,7 +163,7 @@ def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[
         devices=task.devices,
         measurement=trainers[0].case.measurement.filter,
         command=" ".join(words),
-        controllers=made,
+        controllers=tuned_controllers,
     )
 
 

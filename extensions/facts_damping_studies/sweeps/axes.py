@@ -42,40 +42,44 @@ def points(study: Study) -> list[Point]:
     """All points of a study, with the last axis varying fastest. Raises `InputError` if axes conflict."""
     random = np.random.default_rng(study.seed)
     expanded = [expand(axis, random, f"sweep.{i}") for i, axis in enumerate(study.sweep)]
-    count = int(np.prod([len(one) for one in expanded], dtype=np.float64))
+    count = int(np.prod([len(axis_points) for axis_points in expanded], dtype=np.float64))
     if count > MAX_POINTS:
         raise InputError(f"sweep: {count} points given; allowed: at most {MAX_POINTS}")
-    fields = [path for one in expanded for path in dict.fromkeys(path for point in one for path in point.changes)]
+    fields = [
+        path
+        for axis_points in expanded
+        for path in dict.fromkeys(path for point in axis_points for path in point.changes)
+    ]
     fields += list(study.margin.factors) if study.margin else []
-    columns = [name for one in expanded for name in one[0].columns]
+    columns = [name for axis_points in expanded for name in axis_points[0].columns]
     columns += [study.margin.column] if study.margin else []
-    for given, what in ((fields, "field"), (columns, "name")):
-        twice = [one for one in given if given.count(one) > 1]
+    for listed, what in ((fields, "field"), (columns, "name")):
+        twice = [name for name in listed if listed.count(name) > 1]
         if twice:
             raise InputError(f"sweep: {what} '{twice[0]}' given by two axes; allowed: one")
     return [joined(parts) for parts in product(*expanded)]
 
 
-def chosen(points: list[Point], only: Sequence[str]) -> list[Point]:
+def chosen(all_points: list[Point], only: Sequence[str]) -> list[Point]:
     """The points whose columns match the given texts of value patterns, such as `kind=LLC*,HBsWC direct`."""
     for text in only:
         name, _, patterns = text.partition("=")
-        check_known(f"--only {text}", name, points[0].columns)
-        values = list(dict.fromkeys(str(point.columns[name]) for point in points))
+        check_known(f"--only {text}", name, all_points[0].columns)
+        values = list(dict.fromkeys(str(point.columns[name]) for point in all_points))
         asked = [pattern.strip() for pattern in patterns.split(",")]
         for pattern in asked:
             if not any(fnmatchcase(value, pattern) for value in values):
                 allowed = f"{', '.join(values)}, or a pattern of them"
                 raise InputError(f"--only {text}: '{pattern}' given; allowed: {allowed}")
-        points = [p for p in points if any(fnmatchcase(str(p.columns[name]), pattern) for pattern in asked)]
-    return points
+        all_points = [p for p in all_points if any(fnmatchcase(str(p.columns[name]), pattern) for pattern in asked)]
+    return all_points
 
 
 def expand(axis: Axis, random: np.random.Generator, where: str) -> list[Point]:
     """The points of a single axis; random draws advance `random`."""
     if axis.zip is not None:
-        beside = [expand(one, random, f"{where}.zip.{i}") for i, one in enumerate(axis.zip)]
-        lengths = [len(one) for one in beside]
+        beside = [expand(zipped, random, f"{where}.zip.{i}") for i, zipped in enumerate(axis.zip)]
+        lengths = [len(axis_points) for axis_points in beside]
         if len(set(lengths)) > 1:
             raise InputError(f"{where}.zip: axes of {', '.join(map(str, lengths))} values given; allowed: as many each")
         return [joined(parts) for parts in zip(*beside, strict=True)]
@@ -87,8 +91,12 @@ def expand(axis: Axis, random: np.random.Generator, where: str) -> list[Point]:
         return [Point({axis.name: label}, row) for label, row in zip(labels, axis.rows, strict=True)]
     if axis.draws is not None:
         spec = axis.draws
-        found = _drawn(spec.variables, spec.number, spec.method, random)
-        return [joined(parts) for parts in zip(found, _of_kinds(axis, random), strict=True)] if spec.kinds else found
+        drawn_points = _drawn(spec.variables, spec.number, spec.method, random)
+        return (
+            [joined(parts) for parts in zip(drawn_points, _of_kinds(axis, random), strict=True)]
+            if spec.kinds
+            else drawn_points
+        )
     values = axis.values if axis.range is None else spaced(axis.range)
     return [placed(axis, value) for value in values or []]
 
@@ -111,9 +119,9 @@ def placed(target: Target, value: Any) -> Point:
     """The point that sets a value in its target fields."""
     plain = value.item() if isinstance(value, np.generic) else value
     whole = getattr(target, "whole", False)
-    kept = round(plain) if whole else _rounded(plain) if isinstance(plain, float) else plain
-    scaled = {path: kept if f == 1.0 else _rounded(f * kept) for path, f in target.factors.items()}
-    return Point({target.column: kept}, scaled)
+    plain_value = round(plain) if whole else _rounded(plain) if isinstance(plain, float) else plain
+    scaled = {path: plain_value if f == 1.0 else _rounded(f * plain_value) for path, f in target.factors.items()}
+    return Point({target.column: plain_value}, scaled)
 
 
 def _rounded(value: float) -> float:
@@ -137,15 +145,15 @@ def _of_kinds(axis: Axis, random: np.random.Generator) -> list[Point]:
     """Points of the kinds of draws, which alternate."""
     spec = axis.draws
     assert spec is not None  # noqa: S101 (for the types)
-    kinds, found = spec.kinds or {}, [Point({}, {})] * spec.number
+    kinds, kind_points = spec.kinds or {}, [Point({}, {})] * spec.number
     blank = {variable.column: None for kind in kinds.values() for variable in kind.variables}
     for i, (name, kind) in enumerate(kinds.items()):
         places = range(i, spec.number, len(kinds))
-        own = _drawn(kind.variables, len(places), spec.method, random)
+        points_of_kind = _drawn(kind.variables, len(places), spec.method, random)
         fixed = Point({str(axis.name): name, **blank}, kind.set)
-        for place, one in zip(places, own, strict=True):
-            found[place] = joined([fixed, one])
-    return found
+        for place, point in zip(places, points_of_kind, strict=True):
+            kind_points[place] = joined([fixed, point])
+    return kind_points
 
 
 def _drawn(variables: Sequence[Variable], number: int, method: str, random: np.random.Generator) -> list[Point]:
@@ -174,8 +182,10 @@ def quantile(variable: Variable, fraction: NDArray[np.float64]) -> NDArray[np.fl
 
 def drawn_columns(axis: Axis) -> list[str]:
     """Random columns of an axis."""
-    inside = [name for one in axis.zip or [] for name in drawn_columns(one)]
+    inside = [name for inner_axis in axis.zip or [] for name in drawn_columns(inner_axis)]
     if axis.draws is None:
         return inside
-    variables = axis.draws.variables + [one for kind in (axis.draws.kinds or {}).values() for one in kind.variables]
-    return [*inside, *dict.fromkeys(one.column for one in variables)]
+    variables = axis.draws.variables + [
+        variable for kind in (axis.draws.kinds or {}).values() for variable in kind.variables
+    ]
+    return [*inside, *dict.fromkeys(variable.column for variable in variables)]

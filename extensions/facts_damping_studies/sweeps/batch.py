@@ -117,16 +117,16 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, SweepRow]:
 
 def criterion_figures(case: Case, record: Record, summary: Summary, wanted: Sequence[str]) -> dict[str, float | None]:
     """Fields of `Judged` that the criteria of a margin need."""
-    found: dict[str, float | None] = {}
+    judged: dict[str, float | None] = {}
     if "damping" in wanted:
-        found["lowest_damping_ratio"] = criteria.lowest_damping_ratio(summary.modes)
+        judged["lowest_damping_ratio"] = criteria.lowest_damping_ratio(summary.modes)
     if "worse" in wanted:
         plant = {name: value for name, value in record.configuration.items() if name not in ("link", *NO_CONTROL)}
         free = shared(_free, json.dumps(plant, default=str), lambda: _summary(uncontrolled(record.configuration)))
-        found["ITAE_ratio"] = criteria.itae_ratio(summary, free)
+        judged["ITAE_ratio"] = criteria.itae_ratio(summary, free)
     if "linear" in wanted:
-        found["linear_growth_per_s"] = criteria.linear_growth(case)
-    return found
+        judged["linear_growth_per_s"] = criteria.linear_growth(case)
+    return judged
 
 
 def _summary(case: Case) -> Summary:
@@ -150,9 +150,9 @@ def names(base: Base, changes: Mapping[str, Any]) -> Names:
 
 def identity(case: Case) -> dict[str, Any]:
     """Columns that identify a run in every study, in addition to the names; without the fallback controller."""
-    own = [c for c in case.controllers if c.fallback_of is None]
-    schemes = dict.fromkeys(c.scheme for c in own if c.scheme)
-    name = "+".join(c.name for c in own) or "none"
+    controllers = [c for c in case.controllers if c.fallback_of is None]
+    schemes = dict.fromkeys(c.scheme for c in controllers if c.scheme)
+    name = "+".join(c.name for c in controllers) or "none"
     return {"controller": name, "scheme": "+".join(schemes) or None, "seed": case.run.seed}
 
 

@@ -57,11 +57,11 @@ def scenarios(system: str) -> list[str]:
     For a system given by path, they are the files in its folder that have `events`.
     """
     path, known = files.find("systems", system), files.shipped("scenarios")
-    found = [name.removeprefix(f"{system}/") for name in known if name.startswith(f"{system}/")]
+    scenario_names = [name.removeprefix(f"{system}/") for name in known if name.startswith(f"{system}/")]
     if path not in files.shipped("systems").values():
-        beside = sorted(one for one in path.parent.iterdir() if one.suffix in (".yaml", ".yml"))
-        found = [str(one) for one in beside if one != path and _is_scenario(one)]
-    judged = [name for name in found if Path(name).stem != SCENARIO]
+        beside = sorted(file for file in path.parent.iterdir() if file.suffix in (".yaml", ".yml"))
+        scenario_names = [str(file) for file in beside if file != path and _is_scenario(file)]
+    judged = [name for name in scenario_names if Path(name).stem != SCENARIO]
     if not judged:
         raise InputError(f"sweep: no scenario for {system}; allowed: a system with scenarios, or files beside its own")
     return judged
@@ -82,12 +82,16 @@ def candidates(system: str, case: Case) -> dict[str, dict[str, Any]]:
     """
     first = case.run.controllers[0]
     known = ("LLC-tuned", None) in tuned(system, first.signals[:1], first.devices, profile=case.run.tuning)
-    found: dict[str, dict[str, Any]] = {NONE: {"controllers": []}}
-    for label, fields in _named([one for one in CONTROLLERS if one != "LLC-tuned" or known]).items():
+    fields_by_label: dict[str, dict[str, Any]] = {NONE: {"controllers": []}}
+    for label, fields in _named(
+        [controller_name for controller_name in CONTROLLERS if controller_name != "LLC-tuned" or known]
+    ).items():
         maximum = kind(fields["controllers.*.name"]).signals
-        signals = {f"controllers.{i}.signals": one.signals for i, one in enumerate(case.run.controllers)}
-        found[label] = fields | {path: own[:maximum] for path, own in signals.items() if len(own) > maximum}
-    return found
+        signals = {f"controllers.{i}.signals": controller.signals for i, controller in enumerate(case.run.controllers)}
+        fields_by_label[label] = fields | {
+            path: signal_names[:maximum] for path, signal_names in signals.items() if len(signal_names) > maximum
+        }
+    return fields_by_label
 
 
 def networks() -> dict[str, dict[str, Any]]:
@@ -95,16 +99,18 @@ def networks() -> dict[str, dict[str, Any]]:
     return _named([name for name, row in CONTROLLERS.items() if row.network])
 
 
-def _named(names: list[str]) -> dict[str, dict[str, Any]]:
+def _named(controller_names: list[str]) -> dict[str, dict[str, Any]]:
     """Name and scheme of all controllers of a run, by a label, for each scheme of these kinds."""
     return {
         f"{name} {scheme}" if scheme else name: {"controllers.*.name": name}
         | ({"controllers.*.scheme": scheme} if scheme else {})
-        for name, scheme in every_scheme(names)
+        for name, scheme in every_scheme(controller_names)
     }
 
 
-def every_scheme(names: Sequence[str]) -> list[tuple[str, Scheme]]:
+def every_scheme(controller_names: Sequence[str]) -> list[tuple[str, Scheme]]:
     """Controllers with their schemes: networks in both, a lead-lag without one."""
     schemes: dict[bool, tuple[Scheme, ...]] = {True: ("direct", "indirect"), False: (None,)}
-    return [(name, scheme) for name in names for scheme in schemes[kind(name, "CONTROLLER").network is not None]]
+    return [
+        (name, scheme) for name in controller_names for scheme in schemes[kind(name, "CONTROLLER").network is not None]
+    ]

@@ -64,7 +64,7 @@ class Journal(Generic[AnyRow]):
             self._file.close()
             holds = "holds runs of another study, or of another version of it, its files or this package"
             raise InputError(f"--out {path.parent}: {holds}; allowed: a new folder")
-        self.rows = {one["key"]: self._row_of(one["row"]) for one in lines if "key" in one and "row" in one}
+        self.rows = {line["key"]: self._row_of(line["row"]) for line in lines if "key" in line and "row" in line}
 
     def append(self, key: str, row: AnyRow) -> None:
         """Append a row; the one kept in `rows` is that which is read again, without numbers that JSON lacks."""

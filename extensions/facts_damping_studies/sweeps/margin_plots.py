@@ -30,16 +30,16 @@ def plot_margins(margins: Sequence[MarginRow], across: str) -> Figure:
     """
     names, first = margin_names(margins, across), margins[0].criterion
     lines, columns = beneath(margins, across), list(dict.fromkeys(row.place[across] for row in margins))
-    labels = [label(dict(zip(names, one, strict=True)), names) for one in reversed(ranked(margins, names))]
+    labels = [label(dict(zip(names, values, strict=True)), names) for values in reversed(ranked(margins, names))]
     size = (4.6 + 3.4 * len(columns), 1.1 + len(lines) * (0.7 + 0.27 * len(labels)))
     figure = Figure(figsize=size, layout="constrained")
     grid: Any = figure.subplots(len(lines), len(columns), sharey=True, sharex=True, squeeze=False)
     for (scenario, rows), panels in zip(lines.items(), grid, strict=True):
         for axes, column in zip(panels, columns, strict=True):
-            own = [row for row in rows if row.place[across] == column]
-            for row in own:
+            column_rows = [row for row in rows if row.place[across] == column]
+            for row in column_rows:
                 (_bar if row.criterion == first else _diamond)(axes, labels.index(label(row.place, names)), row)
-            _dress(axes, ", ".join(part for part in (scenario, cell(column)) if part), own)
+            _dress(axes, ", ".join(part for part in (scenario, cell(column)) if part), column_rows)
     grid[0][0].set_yticks(range(len(labels)), labels)
     for axes in grid[-1]:
         axes.set_xlabel(axis_label(margins[0].over_seeds.field))

@@ -78,16 +78,18 @@ def plot_jacobian(case: Case, horizon: int, path: Path) -> None:
     `horizon`: frames of a second true derivative, in addition to the identifier's own horizon.
     """
     record = loop.run(case)
-    found, c = follow(case, record, horizon), case.controllers[0]
+    followed, c = follow(case, record, horizon), case.controllers[0]
     p, q = len(c.signals), len(c.devices)
     figure = Figure(figsize=(13.0, 2.3 * (p + 1)), layout="constrained")
     axes: Any = figure.subplots(p + 1, max(q, 2), squeeze=False, sharex=True)
     for i, signal in enumerate(c.signals):
         for d, device in enumerate(c.devices):
             axis = axes[i, d]
-            axis.plot(found.time_s, found.true[:, i, d], color=COLOURS[0], lw=1.4, label="true, same horizon")
-            axis.plot(found.time_s, found.stated[:, i, d], color=COLOURS[2], lw=1.0, label=f"true, {horizon} frames")
-            axis.plot(found.time_s, found.estimate[:, i, d], color=COLOURS[1], lw=1.2, label="identified")
+            axis.plot(followed.time_s, followed.true[:, i, d], color=COLOURS[0], lw=1.4, label="true, same horizon")
+            axis.plot(
+                followed.time_s, followed.stated[:, i, d], color=COLOURS[2], lw=1.0, label=f"true, {horizon} frames"
+            )
+            axis.plot(followed.time_s, followed.estimate[:, i, d], color=COLOURS[1], lw=1.2, label="identified")
             axis.axhline(0.0, color="black", lw=0.5)
             axis.set_ylabel(f"d {signal} / d {device} [-]")
     _learning(axes[p, 0], axes[p, 1], record)
@@ -100,12 +102,14 @@ def plot_jacobian(case: Case, horizon: int, path: Path) -> None:
 def _learning(rates: Any, lyapunov: Any, record: Record) -> None:
     """Learning rates and Lyapunov functions of controller and identifier."""
     for identifier, who in enumerate(("controller", "identifier")):
-        own = record.learning[(record.learning["controller"] == 0) & (record.learning["identifier"] == identifier)]
-        for output in np.unique(own["output"]):
-            rows = own[(own["output"] == output) & (own["group"] == 0)]
+        learning_rows = record.learning[
+            (record.learning["controller"] == 0) & (record.learning["identifier"] == identifier)
+        ]
+        for output in np.unique(learning_rows["output"]):
+            rows = learning_rows[(learning_rows["output"] == output) & (learning_rows["group"] == 0)]
             time_s, colour = record.time_s[rows["tick"]], COLOURS[2 * identifier + output % 2]
             rates.plot(time_s, np.maximum(rows["rate"], MINIMUM), color=colour, lw=1.0, label=f"{who}, output {output}")
-        rows = own[(own["output"] == 0) & (own["group"] == 0)]
+        rows = learning_rows[(learning_rows["output"] == 0) & (learning_rows["group"] == 0)]
         time_s, values = record.time_s[rows["tick"]], np.maximum(rows["lyapunov"], MINIMUM)
         lyapunov.plot(time_s, values, color=COLOURS[2 * identifier], label=who)
     rates.set(xlabel="time [s]", ylabel="learning rate", yscale="log")
@@ -153,12 +157,12 @@ def surface(
 
 def plot_portrait(case: Case, baselines: dict[str, Case], path: Path) -> None:
     """One PNG of a run: memberships of both inputs, the output of the network, the response beside the baselines."""
-    one = portrait(case)
+    run_portrait = portrait(case)
     figure = Figure(figsize=(13.0, 3.2), layout="constrained")
     axes: Any = figure.subplots(1, 4, width_ratios=[1, 1, 1, 1.8])
-    x = np.linspace(-one.reach, one.reach, 601)
-    for (moment, theta), style in zip(one.moments.items(), STYLES, strict=True):
-        degrees, output = surface(one.net, theta, x)
+    x = np.linspace(-run_portrait.reach, run_portrait.reach, 601)
+    for (moment, theta), style in zip(run_portrait.moments.items(), STYLES, strict=True):
+        degrees, output = surface(run_portrait.net, theta, x)
         for i in range(len(INPUTS)):
             for j, colour in enumerate(RULES):
                 axes[i].plot(x, degrees[:, i, j], style, color=colour, lw=1.2)
@@ -168,7 +172,7 @@ def plot_portrait(case: Case, baselines: dict[str, Case], path: Path) -> None:
     axes[0].set_ylabel("degree of membership")
     axes[2].set(xlabel=INPUTS[0], ylabel="setpoint / limit, de = 0", ylim=(-1.1, 1.1))
     c = case.controllers[0]
-    _response(axes[3], one.record, c.name, {name: loop.run(own) for name, own in baselines.items()})
+    _response(axes[3], run_portrait.record, c.name, {name: loop.run(baseline) for name, baseline in baselines.items()})
     figure.legend(*axes[2].get_legend_handles_labels(), loc="outside lower center", ncols=len(STYLES))
     figure.suptitle(f"{c.name} {c.scheme} on {case.run.system}, {case.run.scenario}", x=0.01, ha="left")
     save(figure, path)
@@ -196,8 +200,8 @@ def _portrait(base: Base, changes: dict[str, Any], path: Path) -> None:
     """Draw a portrait beside the available baselines: the run without control and the lead-lags."""
     case = make(base, changes)
     others = candidates(names(base, changes).system, case)
-    own: dict[str, Any] = {"controllers.*.scheme": None, "controllers.*.parameters": {}}
-    beside = {name: make(base, {**changes, **own, **others[name]}) for name in BASELINES if name in others}
+    plain_fields: dict[str, Any] = {"controllers.*.scheme": None, "controllers.*.parameters": {}}
+    beside = {name: make(base, {**changes, **plain_fields, **others[name]}) for name in BASELINES if name in others}
     plot_portrait(case, beside, path)
 
 

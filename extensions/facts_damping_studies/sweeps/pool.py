@@ -92,7 +92,7 @@ def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]
     try:
         with script_apart(), threadpool_limits(1) if many == 1 else nullcontext():
             with blocked():
-                results = pool(delayed(function)(one) for one in todo)
+                results = pool(delayed(function)(task) for task in todo)
             yield from results
     except TerminatedWorkerError as error:
         raise RunError("a process of the sweep was killed, perhaps out of memory: try fewer --jobs") from error
@@ -103,15 +103,17 @@ def _on_cluster(client: Any, function: Callable[[Any], Any], todo: Iterable[Any]
 
     ahead = max(1, TASKS_AHEAD * sum(client.nthreads().values()))
     left = iter(todo)
-    running = as_completed([client.submit(function, one, pure=False) for one in islice(left, ahead)], loop=client.loop)
+    running = as_completed(
+        [client.submit(function, task, pure=False) for task in islice(left, ahead)], loop=client.loop
+    )
     for future in running:
         try:
-            found = future.result()
+            result = future.result()
         except Exception as error:
             raise RunError(f"--scheduler: {type(error).__name__}: {error}") from error
-        yield found
-        for one in left:
-            running.add(client.submit(function, one, pure=False))
+        yield result
+        for task in left:
+            running.add(client.submit(function, task, pure=False))
             break
 
 
@@ -123,10 +125,10 @@ def run_all(
     function: Callable[[Any], Any], todo: Sequence[Any], jobs: int, progress: Callable[[int, int], None]
 ) -> list[Any]:
     """Results of `function` for all inputs in their order, with `jobs` processes."""
-    found: dict[int, Any] = {}
+    results: dict[int, Any] = {}
     progress(0, len(todo))
     with workers(jobs) as each:
-        for i, one in each(partial(_numbered, function), list(enumerate(todo))):
-            found[i] = one
-            progress(len(found), len(todo))
-    return [found[i] for i in range(len(todo))]
+        for i, result in each(partial(_numbered, function), list(enumerate(todo))):
+            results[i] = result
+            progress(len(results), len(todo))
+    return [results[i] for i in range(len(todo))]

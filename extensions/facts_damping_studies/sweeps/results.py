@@ -61,16 +61,16 @@ def _commit() -> str | None:
 
 def write(folder: Path, rows: Rows, margins: Margins, fractions: Sequence[FractionRow]) -> list[Path]:
     """Write all tables and the versions; return their paths."""
-    made = [_written(folder / "rows.parquet", [row.cells for row in rows])]
+    paths = [_written(folder / "rows.parquet", [row.cells for row in rows])]
     parts: dict[str, Sequence[SweepRow | MarginRow | FractionRow]] = {
         "rows": rows, "margins": margins, "fractions": fractions,
     }  # fmt: skip
     for name, part in parts.items():
         if part:
-            made.append(_written(folder / f"{name}.csv", [row.cells for row in part]))
+            paths.append(_written(folder / f"{name}.csv", [row.cells for row in part]))
     about = {**versions("joblib", "pyarrow"), "git": _commit()}
     write_whole(folder / "versions.json", json.dumps(about, indent=2) + "\n")
-    return [*made, folder / "versions.json"]
+    return [*paths, folder / "versions.json"]
 
 
 def tables(folder: Path, name: str, rows: Sequence[Cells]) -> list[Path]:
@@ -111,7 +111,7 @@ def sweep_tables(rows: Rows, margins: Margins, fractions: Sequence[FractionRow],
 
 def varying(rows: Sequence[Cells], without: Sequence[str]) -> list[str]:
     """Columns that vary, without copies of an earlier one; list columns only if they group the rows in a new way."""
-    found: dict[str, str] = {}
+    name_by_values: dict[str, str] = {}
     apart: set[tuple[int, ...]] = set()
     for name in dict.fromkeys(name for row in rows for name in row if name not in without):
         values = [row.get(name) for row in rows]
@@ -123,8 +123,8 @@ def varying(rows: Sequence[Cells], without: Sequence[str]) -> list[str]:
         if groups in apart and any(isinstance(value, list | dict) for value in values):
             continue
         apart.add(groups)
-        found.setdefault(json.dumps(values), name)
-    return list(found.values())
+        name_by_values.setdefault(json.dumps(values), name)
+    return list(name_by_values.values())
 
 
 def label(row: Cells, names: Sequence[str]) -> str:
@@ -135,10 +135,10 @@ def label(row: Cells, names: Sequence[str]) -> str:
 
 def by_scenario(rows: Rows) -> dict[str, list[SweepRow]]:
     """Rows by scenario."""
-    found: dict[str, list[SweepRow]] = {}
+    grouped: dict[str, list[SweepRow]] = {}
     for row in rows:
-        found.setdefault(row.columns["scenario"], []).append(row)
-    return found
+        grouped.setdefault(row.columns["scenario"], []).append(row)
+    return grouped
 
 
 def worst(name: str) -> float:
@@ -174,7 +174,7 @@ def ranked(margins: Margins, names: Sequence[str]) -> list[tuple[Any, ...]]:
             reached.setdefault(who, []).append(reach(row))
             if row.converged is False:
                 unsure.add(who)
-    return sorted(reached, key=lambda one: (one in unsure, -median(reached[one])))
+    return sorted(reached, key=lambda entry: (entry in unsure, -median(reached[entry])))
 
 
 def reach(row: MarginRow) -> float:
@@ -191,12 +191,16 @@ def margin_table(margins: Margins, across: str) -> list[str]:
     names, columns = margin_names(margins, across), list(dict.fromkeys(row.place[across] for row in margins))
     lines: list[str] = []
     for criterion in dict.fromkeys(row.criterion for row in margins):
-        for scenario, own in beneath([row for row in margins if row.criterion == criterion], across).items():
-            place = {(row.place[across], *(row.place.get(name) for name in names)): row for row in own}
-            horizons = "/".join(f"{h:g}" for h in dict.fromkeys(row.place["horizon_s"] for row in own) if h is not None)
-            head = ", ".join(part for part in (criterion, scenario, own[0].over_seeds.field) if part)
-            who = ranked(own, names)
-            cells = [[*map(cell, one), *(margin_text(place.get((column, *one))) for column in columns)] for one in who]
+        for scenario, scenario_rows in beneath([row for row in margins if row.criterion == criterion], across).items():
+            place = {(row.place[across], *(row.place.get(name) for name in names)): row for row in scenario_rows}
+            horizons = "/".join(
+                f"{h:g}" for h in dict.fromkeys(row.place["horizon_s"] for row in scenario_rows) if h is not None
+            )
+            head = ", ".join(part for part in (criterion, scenario, scenario_rows[0].over_seeds.field) if part)
+            who = ranked(scenario_rows, names)
+            cells = [
+                [*map(cell, entry), *(margin_text(place.get((column, *entry))) for column in columns)] for entry in who
+            ]
             titles = [*names, *(f"{cell(c)} [low, high]" for c in columns)]
             table_lines = text_table(titles, cells, len(names), markdown=True)
             lines += [f"{head}, horizon {horizons} s:", "", *table_lines, ""]
@@ -205,10 +209,10 @@ def margin_table(margins: Margins, across: str) -> list[str]:
 
 def beneath(margins: Margins, across: str) -> dict[str, list[MarginRow]]:
     """Groups of margins shown below each other: by scenario, or all if scenarios are side by side."""
-    found: dict[str, list[MarginRow]] = {}
+    grouped: dict[str, list[MarginRow]] = {}
     for row in margins:
-        found.setdefault("" if across == "scenario" else row.place["scenario"], []).append(row)
-    return found
+        grouped.setdefault("" if across == "scenario" else row.place["scenario"], []).append(row)
+    return grouped
 
 
 def margin_text(row: MarginRow | None) -> str:

@@ -87,7 +87,7 @@ def planned(
         first = make(base, points[0].changes | margin)
         _check_tables(study, points[0], first)
         changes = [point.changes for point in points]
-        code = [source_hash(*one) for one in dict.fromkeys(_programs([base.content, base.set, *changes]))]
+        code = [source_hash(*program) for program in dict.fromkeys(_programs([base.content, base.set, *changes]))]
     except InputError as error:
         raise InputError(str(error) if source in str(error) else f"{source}: {error}") from error
     rests_on = [study.model_dump(), *only, base.content, base.set, first.document(), __version__, *code]
@@ -98,8 +98,8 @@ def planned(
 def _programs(content: Any) -> Iterator[tuple[str, str]]:
     """All user programs in the content of runs: the field, and its text or file."""
     if isinstance(content, list):
-        for one in content:
-            yield from _programs(one)
+        for part in content:
+            yield from _programs(part)
     elif isinstance(content, dict):
         for name, value in content.items():
             field, text = name.rpartition(".")[2], value.get("file") if isinstance(value, dict) else value
@@ -121,27 +121,27 @@ def _check_tables(study: Study, first: Point, case: Case) -> None:
         check_known("tables.figures", name, [*figure_names(modes=study.modes, check_step=study.check_step), *compared])
 
 
-def run(plan: SweepPlan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
+def run(sweep_plan: SweepPlan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
     """The rows of a study's points; only runs missing in the folder are made.
 
     Raises `InputError` if the folder belongs to another study, `RunError` if the runs cannot continue.
     """
-    maximum = len(plan.points) * (margins.max_runs(plan.study.margin) if plan.study.margin else 1)
+    maximum = len(sweep_plan.points) * (margins.max_runs(sweep_plan.study.margin) if sweep_plan.study.margin else 1)
     with (
         workers(jobs, scheduler) as each,
-        Journal(files.new_folder(folder) / JOURNAL, plan.fingerprint, SweepRow.read) as journal,
+        Journal(files.new_folder(folder) / JOURNAL, sweep_plan.fingerprint, SweepRow.read) as journal,
     ):
-        write_whole(folder / COPY, plan.text)
+        write_whole(folder / COPY, sweep_plan.text)
         if journal.damaged:
             lines = f"{journal.damaged} damaged line{'s' if journal.damaged > 1 else ''}"
             note(f"{folder / JOURNAL}: {lines}; those runs are repeated")
         progress.resume(len(journal.rows))
         progress(len(journal.rows), maximum)
-        while todo := _tasks(plan, journal.rows):
-            for key, row in each(partial(one_run, plan.base), todo):
+        while todo := _tasks(sweep_plan, journal.rows):
+            for key, row in each(partial(one_run, sweep_plan.base), todo):
                 journal.append(key, row)
                 progress(len(journal.rows), maximum)
-        return _seen(plan, journal.rows)
+        return _seen(sweep_plan, journal.rows)
 
 
 def rows(point_states: Sequence[PointState]) -> list[SweepRow]:
@@ -149,52 +149,56 @@ def rows(point_states: Sequence[PointState]) -> list[SweepRow]:
     return [seen[value] for seen in point_states for value in sorted(seen, key=lambda value: value or 0.0)]
 
 
-def _seen(plan: SweepPlan, rows: Mapping[str, SweepRow]) -> list[PointState]:
-    found: list[PointState] = [{} for _ in plan.points]
-    for key, row in rows.items():
+def _seen(sweep_plan: SweepPlan, journal_rows: Mapping[str, SweepRow]) -> list[PointState]:
+    states: list[PointState] = [{} for _ in sweep_plan.points]
+    for key, row in journal_rows.items():
         point, _, value = key.partition(" ")
-        found[int(point)][float(value) if value else None] = row
-    return found
+        states[int(point)][float(value) if value else None] = row
+    return states
 
 
-def _tasks(plan: SweepPlan, rows: Mapping[str, SweepRow]) -> list[RunRequest]:
+def _tasks(sweep_plan: SweepPlan, journal_rows: Mapping[str, SweepRow]) -> list[RunRequest]:
     """The next runs; empty when the study is complete. Runs with the same network are adjacent, to share it."""
-    found = [
-        _task(plan, i, value)
-        for i, seen in enumerate(_seen(plan, rows))
-        for value in (_wanted(plan.study.margin, seen) if plan.study.margin else [None] if not seen else [])
+    requests = [
+        _task(sweep_plan, i, value)
+        for i, seen in enumerate(_seen(sweep_plan, journal_rows))
+        for value in (_wanted(sweep_plan.study.margin, seen) if sweep_plan.study.margin else [None] if not seen else [])
     ]
-    if plan.study.check_step:
-        found = [task._replace(check_step=plan.study.margin is None) for task in found] or _ends(plan, rows)
+    if sweep_plan.study.check_step:
+        requests = [task._replace(check_step=sweep_plan.study.margin is None) for task in requests] or _ends(
+            sweep_plan, journal_rows
+        )
     networks: dict[str, list[RunRequest]] = {}
-    for task in found:
+    for task in requests:
         fields = {path: value for path, value in task.changes.items() if path.partition(".")[0] in NETWORK}
         networks.setdefault(json.dumps(fields, default=str), []).append(task)
     return [task for tasks in networks.values() for task in tasks]
 
 
-def _ends(plan: SweepPlan, rows: Mapping[str, SweepRow]) -> list[RunRequest]:
-    margin = plan.study.margin
+def _ends(sweep_plan: SweepPlan, journal_rows: Mapping[str, SweepRow]) -> list[RunRequest]:
+    margin = sweep_plan.study.margin
     if margin is None:
         return []
     return [
-        _task(plan, i, value)._replace(check_step=True)
-        for i, seen in enumerate(_seen(plan, rows))
-        for value in {end: None for one in margin.criteria for end in _bracket_ends(_failed(margin, seen, one))}
+        _task(sweep_plan, i, value)._replace(check_step=True)
+        for i, seen in enumerate(_seen(sweep_plan, journal_rows))
+        for value in {
+            end: None for criterion in margin.criteria for end in _bracket_ends(_failed(margin, seen, criterion))
+        }
         if seen[value].half_step is None
     ]
 
 
 def _bracket_ends(failed: Mapping[float, bool | None]) -> list[float]:
-    one = margins.bracket(failed)
-    return [value for value in (one.low, one.high) if value is not None]
+    bracket = margins.bracket(failed)
+    return [value for value in (bracket.low, bracket.high) if value is not None]
 
 
-def _task(plan: SweepPlan, i: int, value: float | None) -> RunRequest:
-    point = plan.points[i]
-    if plan.study.margin is None or value is None:
+def _task(sweep_plan: SweepPlan, i: int, value: float | None) -> RunRequest:
+    point = sweep_plan.points[i]
+    if sweep_plan.study.margin is None or value is None:
         return RunRequest(str(i), point.changes, point.columns)
-    both = axes.joined([point, axes.placed(plan.study.margin, value)])
+    both = axes.joined([point, axes.placed(sweep_plan.study.margin, value)])
     return RunRequest(f"{i} {value!r}", both.changes, both.columns)
 
 
@@ -213,21 +217,21 @@ def _failed(margin: Margin, seen: PointState, criterion: str) -> dict[float, boo
     }
 
 
-def found_margins(plan: SweepPlan, point_states: Sequence[PointState]) -> list[MarginRow]:
+def found_margins(sweep_plan: SweepPlan, point_states: Sequence[PointState]) -> list[MarginRow]:
     """A margin for each point and criterion, combining points that differ only by seed or draw."""
-    margin = plan.study.margin
+    margin = sweep_plan.study.margin
     if margin is None:
         return []
     groups: dict[str, list[PointState]] = {}
     for seen in point_states:
-        one = next((row for row in seen.values() if not row.error), next(iter(seen.values())))
-        groups.setdefault(json.dumps({name: one.cells.get(name) for name in _place(plan)}), []).append(seen)
+        sample = next((row for row in seen.values() if not row.error), next(iter(seen.values())))
+        groups.setdefault(json.dumps({name: sample.cells.get(name) for name in _place(sweep_plan)}), []).append(seen)
     rows = []
     for place, group in groups.items():
         for criterion in margin.criteria:
             searches = [_failed(margin, seen, criterion) for seen in group]
-            ends = [seen[v] for seen, one in zip(group, searches, strict=True) for v in _bracket_ends(one)]
-            over = margins.over_seeds([margins.bracket(one) for one in searches], margin, plan.study.seed)
+            ends = [seen[v] for seen, search in zip(group, searches, strict=True) for v in _bracket_ends(search)]
+            over = margins.over_seeds([margins.bracket(search) for search in searches], margin, sweep_plan.study.seed)
             held, intervals = margins.held(margin, searches), margins.holding(searches)
             changed = differ(ends, criterion)
             converged = not any(changed) if changed else None
@@ -235,47 +239,49 @@ def found_margins(plan: SweepPlan, point_states: Sequence[PointState]) -> list[M
     return rows
 
 
-def differ(rows: Sequence[SweepRow], criterion: str) -> list[bool] | None:
+def differ(group_rows: Sequence[SweepRow], criterion: str) -> list[bool] | None:
     """For each run, whether halving the integration step changes failure; None if not checked."""
-    finer = [Judged(row.half_step.verdict_half_step) for row in rows if row.half_step is not None]
-    if len(finer) < len(rows) or criterion not in ALWAYS:
+    finer = [Judged(row.half_step.verdict_half_step) for row in group_rows if row.half_step is not None]
+    if len(finer) < len(group_rows) or criterion not in ALWAYS:
         return None
-    return [fails(criterion, row.judged) != fails(criterion, half) for row, half in zip(rows, finer, strict=True)]
+    return [fails(criterion, row.judged) != fails(criterion, half) for row, half in zip(group_rows, finer, strict=True)]
 
 
-def swept(plan: SweepPlan) -> list[str]:
+def swept(sweep_plan: SweepPlan) -> list[str]:
     """Columns that were swept, including the margin's."""
-    return [*plan.points[0].columns, *([plan.study.margin.column] if plan.study.margin else [])]
+    return [*sweep_plan.points[0].columns, *([sweep_plan.study.margin.column] if sweep_plan.study.margin else [])]
 
 
-def across(plan: SweepPlan) -> str:
+def across(sweep_plan: SweepPlan) -> str:
     """Column whose values are side by side in tables of margins."""
-    return plan.study.margin.across if plan.study.margin else "scenario"
+    return sweep_plan.study.margin.across if sweep_plan.study.margin else "scenario"
 
 
-def _place(plan: SweepPlan) -> list[str]:
+def _place(sweep_plan: SweepPlan) -> list[str]:
     """Columns that identify a run, without its seed and random values."""
-    random = {"seed", *(name for axis in plan.study.sweep for name in axes.drawn_columns(axis))}
-    return [name for name in dict.fromkeys([*IDENTITY, *plan.points[0].columns, "horizon_s"]) if name not in random]
+    random = {"seed", *(name for axis in sweep_plan.study.sweep for name in axes.drawn_columns(axis))}
+    return [
+        name for name in dict.fromkeys([*IDENTITY, *sweep_plan.points[0].columns, "horizon_s"]) if name not in random
+    ]
 
 
-def found_fractions(plan: SweepPlan, point_states: Sequence[PointState]) -> list[FractionRow]:
+def found_fractions(sweep_plan: SweepPlan, point_states: Sequence[PointState]) -> list[FractionRow]:
     """The fraction of failed runs over seeds and random values, with Wilson's interval.
 
     A row for each place and criterion; empty if no two runs share a place.
     """
-    columns = _place(plan) + ([plan.study.margin.column] if plan.study.margin else [])
+    columns = _place(sweep_plan) + ([sweep_plan.study.margin.column] if sweep_plan.study.margin else [])
     groups: dict[str, list[SweepRow]] = {}
     for row in rows(point_states):
         if not row.error:
             groups.setdefault(json.dumps({name: row.cells.get(name) for name in columns}), []).append(row)
-    if all(len(one) == 1 for one in groups.values()):
+    if all(len(place_rows) == 1 for place_rows in groups.values()):
         return []
     fractions = []
     for criterion in ALWAYS:
-        for place, own in groups.items():
-            fraction = margins.failed_fraction(sum(fails(criterion, row.judged) for row in own), len(own))
-            changed = differ(own, criterion)
+        for place, place_rows in groups.items():
+            fraction = margins.failed_fraction(sum(fails(criterion, row.judged) for row in place_rows), len(place_rows))
+            changed = differ(place_rows, criterion)
             unsure = None if changed is None else sum(changed)
             fractions.append(FractionRow(json.loads(place), criterion, fraction, unsure))
     return fractions

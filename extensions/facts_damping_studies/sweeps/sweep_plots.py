@@ -53,27 +53,27 @@ def plot(rows: Rows, swept: Sequence[str], margins: Sequence[MarginRow], across:
     """Draw all pictures for which the table has data; `swept`: the swept columns."""
     sound = [row for row in rows if not row.error]
     axes = sorted(numeric(sound, swept), key=lambda name: -len({row.columns[name] for row in sound}))
-    made: dict[str, Figure | None] = {"margins": plot_margins(margins, across) if margins else None}
+    figures: dict[str, Figure | None] = {"margins": plot_margins(margins, across) if margins else None}
     few = len(groups(sound, swept, axes)) <= MAX_GROUPS
     if axes and sound and few:
         x = next((margin.over_seeds.field for margin in margins), axes[0])
-        made["curves"] = plot_curves(sound, x, swept, axes)
+        figures["curves"] = plot_curves(sound, x, swept, axes)
         others = [name for name in axes if name != x]
         for criterion, ending in zip(FRACTIONS, ("", "_not_damped"), strict=True):
-            made[f"probability{ending}"] = plot_probability(sound, x, swept, axes, criterion)
-            made[f"map{ending}"] = plot_map(sound, x, others[0], swept, criterion) if others else None
-    made["latency"] = plot_latency(sound, swept) if few else None
-    return [save(figure, folder / f"{stem}.png") for stem, figure in made.items() if figure is not None]
+            figures[f"probability{ending}"] = plot_probability(sound, x, swept, axes, criterion)
+            figures[f"map{ending}"] = plot_map(sound, x, others[0], swept, criterion) if others else None
+    figures["latency"] = plot_latency(sound, swept) if few else None
+    return [save(figure, folder / f"{stem}.png") for stem, figure in figures.items() if figure is not None]
 
 
 def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:
     """Swept numeric columns with at least three values, without the seed."""
-    found = []
+    names = []
     for name in dict.fromkeys(swept):
         values = [row.columns.get(name) for row in rows]
         if name != "seed" and all(type(value) in (int, float) for value in values) and len(set(values)) >= MINIMUM:
-            found.append(name)
-    return found
+            names.append(name)
+    return names
 
 
 def groups(
@@ -81,12 +81,14 @@ def groups(
 ) -> dict[str, list[SweepRow]]:
     """Rows by a label of the columns that vary (in all of `every`, if given), except these, scenario and seed."""
     places = dict.fromkeys(["system", "controller", "scheme", "link", *swept, "horizon_s"])
-    kept = [name for name in places if name not in (*without, "scenario", "seed")]
-    names = varying([{name: row.cells.get(name) for name in kept} for row in (rows if every is None else every)], ())
-    found: dict[str, list[SweepRow]] = {}
+    grouped_by = [name for name in places if name not in (*without, "scenario", "seed")]
+    names = varying(
+        [{name: row.cells.get(name) for name in grouped_by} for row in (rows if every is None else every)], ()
+    )
+    by_label: dict[str, list[SweepRow]] = {}
     for row in rows:
-        found.setdefault(label(row.cells, names), []).append(row)
-    return found
+        by_label.setdefault(label(row.cells, names), []).append(row)
+    return by_label
 
 
 def styles() -> Iterator[dict[str, Any]]:
@@ -101,34 +103,36 @@ def settings(rows: Rows, axes: Sequence[str], x: str) -> dict[str, list[SweepRow
 
     Of an axis with many values a few are shown, the first and the last among them; random ones are not told apart.
     """
-    found = by_scenario(rows)
+    by_setting = by_scenario(rows)
     for name in axes:
         values = sorted({row.columns[name] for row in rows})
         if name == x or not 1 < len(values) <= MAX_DISTINCT:
             continue
-        number = min(len(values), max(2, MAX_ACROSS // len(found)))
-        kept = [values[round(i * (len(values) - 1) / (number - 1))] for i in range(number)]
-        found = {
-            f"{title}, {value_label(name, value)}".removeprefix(", "): [r for r in own if r.columns[name] == value]
-            for title, own in found.items()
-            for value in kept
+        number = min(len(values), max(2, MAX_ACROSS // len(by_setting)))
+        shown_values = [values[round(i * (len(values) - 1) / (number - 1))] for i in range(number)]
+        by_setting = {
+            f"{title}, {value_label(name, value)}".removeprefix(", "): [
+                r for r in setting_rows if r.columns[name] == value
+            ]
+            for title, setting_rows in by_setting.items()
+            for value in shown_values
         }
-    return {title: own for title, own in found.items() if own}
+    return {title: setting_rows for title, setting_rows in by_setting.items() if setting_rows}
 
 
 def _panels(columns: Mapping[str, Rows], titles: Sequence[str], x: str) -> tuple[Figure, dict[str, Any]]:
     """A figure with a column of panels for each setting, one below the other, and their axes."""
     figure = Figure(figsize=(3.0 + 4.0 * len(columns), 1.2 + 2.6 * len(titles)), layout="constrained")
-    made: Any = figure.subplots(len(titles), len(columns), sharex=True, sharey="row", squeeze=False)
+    panels: Any = figure.subplots(len(titles), len(columns), sharex=True, sharey="row", squeeze=False)
     for j, title in enumerate(columns):
-        made[0, j].set_title(title)
-        made[-1, j].set_xlabel(axis_label(x))
-        for axes in made[:, j]:
+        panels[0, j].set_title(title)
+        panels[-1, j].set_xlabel(axis_label(x))
+        for axes in panels[:, j]:
             axes.grid(visible=True, lw=0.3)
             axes.spines[["top", "right"]].set_visible(False)
-    for axes, title in zip(made[:, 0], titles, strict=True):
+    for axes, title in zip(panels[:, 0], titles, strict=True):
         axes.set_ylabel(title)
-    return figure, {title: made[:, j] for j, title in enumerate(columns)}
+    return figure, {title: panels[:, j] for j, title in enumerate(columns)}
 
 
 def _legend(figure: Figure) -> None:
@@ -154,20 +158,20 @@ def plot_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
     if not shown:
         return None
     columns = settings(rows, axes, x)
-    schemes = [one for one in dict.fromkeys(row.columns["scheme"] for row in rows) if one]
+    schemes = [scheme for scheme in dict.fromkeys(row.columns["scheme"] for row in rows) if scheme]
     if len(groups(rows, swept, axes)) <= MAX_TOGETHER or not schemes:
         parts = [(title, name, {None, *schemes}) for name, title in shown.items()]
     else:
-        parts = [(f"{CURVES['ITAE']}, {one}", "ITAE", {None, one}) for one in schemes]
+        parts = [(f"{CURVES['ITAE']}, {scheme}", "ITAE", {None, scheme}) for scheme in schemes]
         columns_of = [row.columns for row in rows]
-        same = [name for name in swept if all(one.get(name) == one["scheme"] for one in columns_of)]
+        same = [name for name in swept if all(scheme.get(name) == scheme["scheme"] for scheme in columns_of)]
         axes = [*axes, "scheme", *same]
     figure, panels = _panels(columns, [title for title, _, _ in parts], x)
     looks, lost = dict(zip(groups(rows, swept, axes), styles(), strict=False)), False
-    for setting, own in columns.items():
-        for group, some in groups(own, swept, axes, rows).items():
-            for panel, (_, name, kept) in zip(panels[setting], parts, strict=True):
-                plotted = [row for row in some if row.columns["scheme"] in kept]
+    for setting, setting_rows in columns.items():
+        for group, some in groups(setting_rows, swept, axes, rows).items():
+            for panel, (_, name, schemes_shown) in zip(panels[setting], parts, strict=True):
+                plotted = [row for row in some if row.columns["scheme"] in schemes_shown]
                 values = np.array([counted(row, name) for row in plotted])
                 lost |= _curve(panel, np.array([row.columns[x] for row in plotted], float), values, looks[group], group)
                 panel.set_yscale("linear" if name.startswith("interarea") else "log")
@@ -190,10 +194,10 @@ def _curve(panel: Axes, x: NDArray[np.float64], y: NDArray[np.float64], style: d
         panel.plot(x, y, ".", color=style["color"], ms=2, alpha=faint)
     middles, parts = binned(x)
     known = [y[part][~np.isnan(y[part])] for part in parts]
-    medians = np.array([float(np.median(one)) if len(one) else np.nan for one in known])
+    medians = np.array([float(np.median(at_x)) if len(at_x) else np.nan for at_x in known])
     medians[np.isinf(medians)] = np.nan
     panel.plot(middles, medians, label=name, lw=1.2, **style)
-    marked = [i for i, one in enumerate(known) if np.isinf(one).any() and not np.isnan(medians[i])]
+    marked = [i for i, at_x in enumerate(known) if np.isinf(at_x).any() and not np.isnan(medians[i])]
     for i in marked:
         place: dict[str, Any] = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": 6}
         panel.plot(middles[i], medians[i], "o", color=style["color"], mfc="white", ms=4)
@@ -209,8 +213,8 @@ def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]
         return [float(value) for value in distinct], [x == value for value in distinct]
     edges = np.linspace(distinct[0], distinct[-1], BINS + 1)
     at = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
-    kept = [i for i in range(BINS) if np.any(at == i)]
-    return [float((edges[i] + edges[i + 1]) / 2) for i in kept], [at == i for i in kept]
+    filled_bins = [i for i in range(BINS) if np.any(at == i)]
+    return [float((edges[i] + edges[i + 1]) / 2) for i in filled_bins], [at == i for i in filled_bins]
 
 
 def plot_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str], criterion: str) -> Figure | None:
@@ -219,19 +223,21 @@ def plot_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
     figure, panels = _panels(columns, [f"{_fraction_label(rows, criterion)}, 95 % interval".replace(", ", ",\n", 1)], x)
     looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
     several = False
-    for setting, own in columns.items():
-        for group, some in groups(own, swept, axes, rows).items():
+    for setting, setting_rows in columns.items():
+        for group, some in groups(setting_rows, swept, axes, rows).items():
             failed = np.array([fails(criterion, row.judged) for row in some])
             middles, parts = binned(np.array([row.columns[x] for row in some], float))
             maximum = max(int(part.sum()) for part in parts)
             several |= maximum > 1
             # Bisection adds values with few seeds, those with a margin nearby.
-            kept = [i for i, part in enumerate(parts) if part.sum() > maximum / 2 or len(parts) == BINS]
-            middles, parts = [middles[i] for i in kept], [parts[i] for i in kept]
+            large_bins = [i for i, part in enumerate(parts) if part.sum() > maximum / 2 or len(parts) == BINS]
+            middles, parts = [middles[i] for i in large_bins], [parts[i] for i in large_bins]
             fractions = [failed_fraction(int(failed[part].sum()), int(part.sum())) for part in parts]
             (panel,) = panels[setting]
-            panel.plot(middles, [one.fraction for one in fractions], label=group, lw=1.3, marker=".", **looks[group])
-            ends = [one.low for one in fractions], [one.high for one in fractions]
+            panel.plot(
+                middles, [fraction.fraction for fraction in fractions], label=group, lw=1.3, marker=".", **looks[group]
+            )
+            ends = [fraction.low for fraction in fractions], [fraction.high for fraction in fractions]
             panel.fill_between(middles, *ends, color=looks[group]["color"], alpha=0.15, lw=0)
             panel.set_ylim(-0.02, 1.02)
     _legend(figure)
@@ -245,16 +251,16 @@ def plot_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
     """
     panels = {
         ", ".join(text for text in (scenario, name) if text): some
-        for scenario, own in by_scenario(rows).items()
-        for name, some in groups(own, swept, (x, y), rows).items()
+        for scenario, scenario_rows in by_scenario(rows).items()
+        for name, some in groups(scenario_rows, swept, (x, y), rows).items()
     }
-    kept = list(panels.items())[:12]
-    across = min(MAX_ACROSS, len(kept))
-    down = -(-len(kept) // across)
+    shown = list(panels.items())[:12]
+    across = min(MAX_ACROSS, len(shown))
+    down = -(-len(shown) // across)
     figure = Figure(figsize=(1.6 + 3.6 * across, 0.6 + 3.2 * down), layout="constrained")
     grid: Any = figure.subplots(down, across, squeeze=False).ravel()
     marked = False
-    for axes, (title, some) in zip(grid, kept, strict=False):
+    for axes, (title, some) in zip(grid, shown, strict=False):
         columns, wide = binned(np.array([row.columns[x] for row in some], float))
         lines, high = binned(np.array([row.columns[y] for row in some], float))
         failed = np.array([fails(criterion, row.judged) for row in some])
@@ -268,7 +274,7 @@ def plot_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
             axes.text(at[j], up[i], MARK, color=colour, ha="center", va="center", fontsize="large")
         marked |= bool(changed.any())
         axes.set(title=title, xlabel=axis_label(x), ylabel=axis_label(y))
-    for axes in grid[len(kept) :]:
+    for axes in grid[len(shown) :]:
         axes.set_visible(False)
     text = _fraction_label(rows, criterion) + (f"\n{MARK} some do otherwise with half the step" if marked else "")
     figure.colorbar(image, ax=list(grid), label=text, shrink=0.8)
@@ -277,7 +283,7 @@ def plot_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
 
 def _fraction_label(rows: Rows, criterion: str) -> str:
     horizons = sorted({row.horizon_s or 0.0 for row in rows})
-    return f"{FRACTIONS[criterion]}, horizon {' / '.join(f'{one:g}' for one in horizons)} s"
+    return f"{FRACTIONS[criterion]}, horizon {' / '.join(f'{horizon:g}' for horizon in horizons)} s"
 
 
 def _ticked(axis: Axis, values: Sequence[float]) -> Sequence[float]:
@@ -299,19 +305,19 @@ def plot_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
 
     For swept numbers, at the least value of each. None if no latency varies.
     """
-    kept = [row for row in rows if (q := _latencies(row)) and q[-1] - q[0] > SPREAD_MS]
-    if not kept:
+    varying_rows = [row for row in rows if (q := _latencies(row)) and q[-1] - q[0] > SPREAD_MS]
+    if not varying_rows:
         return None
     title = []
     for name in numeric(rows, swept):
         if len({row.columns[name] for row in rows}) <= MAX_DISTINCT:
-            minimum = min(row.columns[name] for row in kept)
-            kept = [row for row in kept if row.columns[name] == minimum]
+            minimum = min(row.columns[name] for row in varying_rows)
+            varying_rows = [row for row in varying_rows if row.columns[name] == minimum]
             title.append(value_label(name, minimum))
     figure = Figure(figsize=(7.5, 3.8), layout="constrained")
     axes = figure.subplots()
-    apart = groups(kept, swept, ())
-    apart = apart if len(apart) <= MAX_TOGETHER else groups(kept, swept, numeric(kept, swept))
+    apart = groups(varying_rows, swept, ())
+    apart = apart if len(apart) <= MAX_TOGETHER else groups(varying_rows, swept, numeric(varying_rows, swept))
     for (name, some), style in zip(apart.items(), styles(), strict=False):
         quantiles = np.array([_latencies(row) for row in some], float)
         at = np.unique(quantiles)
@@ -319,7 +325,9 @@ def plot_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
         # Fraction of a run's setpoints with at most a latency, by linear interpolation between its quantiles.
         rising, levels = 1e-9 * np.arange(len(QUANTILES)), np.array(QUANTILES) / 100
         steps = np.maximum.accumulate(quantiles, axis=1) + rising
-        below = [np.interp(at + 1e-9 * len(QUANTILES), one, levels, left=0.0, right=1.0) for one in steps]
+        below = [
+            np.interp(at + 1e-9 * len(QUANTILES), run_latencies, levels, left=0.0, right=1.0) for run_latencies in steps
+        ]
         fractions = np.mean(below, axis=0)
         axes.plot(at, 100 * fractions, label=name, lw=1.3, **style)
     axes.set(xlabel="latency from measurement to device [ms]", ylabel="setpoints with at most that [%]", ylim=(-1, 101))

@@ -33,19 +33,21 @@ def figure_tables(rows: Sequence[SweepRow], asked: Tables) -> list[str]:
     """One table per place with all figures; or, with `across`, one per figure and place."""
     lines: list[str] = []
     for place in dict.fromkeys(row.place for row in rows):
-        own = [row for row in rows if row.place == place]
+        place_rows = [row for row in rows if row.place == place]
         lines += [f"### {', '.join(place)}", ""]
         if asked.across is None:
-            found = {(_row_id(row, asked), figure): _alone(row, figure) for row in own for figure in asked.figures}
-            lines += _table(asked, asked.figures, found)
+            texts = {
+                (_row_id(row, asked), figure): _alone(row, figure) for row in place_rows for figure in asked.figures
+            }
+            lines += _table(asked, asked.figures, texts)
             continue
-        columns = list(dict.fromkeys(cell(row.columns[asked.across]) for row in own))
+        columns = list(dict.fromkeys(cell(row.columns[asked.across]) for row in place_rows))
         for figure in asked.figures:
             grouped: dict[tuple[RowId, str], list[SweepRow]] = {}
-            for row in own:
+            for row in place_rows:
                 grouped.setdefault((_row_id(row, asked), cell(row.columns[asked.across])), []).append(row)
-            found = {place: _among(runs, figure) for place, runs in grouped.items()}
-            lines += [f"{figure}:", "", *_table(asked, columns, found)]
+            texts = {place: _among(runs, figure) for place, runs in grouped.items()}
+            lines += [f"{figure}:", "", *_table(asked, columns, texts)]
     return lines
 
 
@@ -63,8 +65,8 @@ def plot(rows: Sequence[SweepRow], asked: Tables, folder: Path) -> list[Path]:
     axes: Any = picture.subplots(1, len(places), sharey=True, squeeze=False)
     for axis, place in zip(axes[0], places, strict=True):
         for i, column in enumerate(columns):
-            own = [row for row in sound if (*row.place, _column(row, asked)) == (*place, column)]
-            values = [(row.cells.get(figure), whos.index(_row_id(row, asked))) for row in own]
+            cell_rows = [row for row in sound if (*row.place, _column(row, asked)) == (*place, column)]
+            values = [(row.cells.get(figure), whos.index(_row_id(row, asked))) for row in cell_rows]
             known = [pair for pair in values if pair[0] is not None]
             style = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "ls": "", "alpha": 0.85}
             axis.plot(*np.array(known).reshape(-1, 2).T, ms=5, label=column, **style)
@@ -87,7 +89,9 @@ def _row_id(row: SweepRow, asked: Tables) -> RowId:
 
 def _table(asked: Tables, columns: Sequence[str], texts: Mapping[tuple[RowId, str], str]) -> list[str]:
     titles = [name.rpartition(".")[2] for name in asked.rows]
-    cells = [[*who, *(texts.get((who, one), "") for one in columns)] for who in dict.fromkeys(who for who, _ in texts)]
+    cells = [
+        [*who, *(texts.get((who, column), "") for column in columns)] for who in dict.fromkeys(who for who, _ in texts)
+    ]
     return [*tables.table([*titles, *columns], cells, len(titles), markdown=True), ""]
 
 

@@ -59,9 +59,9 @@ class Respondent:
             self.states.append(copy(state))
             self._advance(state, k, record.applied[first[k] : first[k + 1]])
         pmus = [pmu.name for pmu in case.system.pmus]
-        own = [case.system.signals[name] for name in case.controllers[0].signals]
-        self.weights = np.array([weights_of(signal, pmus, case.system.frequency) for signal in own])
-        self.washout = [signal.washout for signal in own]
+        signals = [case.system.signals[name] for name in case.controllers[0].signals]
+        self.weights = np.array([weights_of(signal, pmus, case.system.frequency) for signal in signals])
+        self.washout = [signal.washout for signal in signals]
         self.devices = [case.run.devices.index(name) for name in case.controllers[0].devices]
 
     def _advance(self, state: PlantState, tick: int, rows: NDArray[Any]) -> None:
@@ -79,33 +79,33 @@ class Respondent:
         state = copy(self.states[tick])
         state.reference[:] = state.target[:] = reference
         state.waiting[:] = 0  # pending setpoints would change the references
-        found, nothing = [], np.zeros(0, SETPOINT)
+        responses, nothing = [], np.zeros(0, SETPOINT)
         for k in range(frames):
             self._advance(state, tick + k, nothing)
-            found.append(self._signals(state, tick + k + 1))
-        return np.array(found)
+            responses.append(self._signals(state, tick + k + 1))
+        return np.array(responses)
 
     def jacobian(self, tick: int, frames: int) -> NDArray[np.float64]:
         """Derivative of the signals by held references, `frames` after a tick, (signals, devices), p.u./p.u."""
         reference = self.states[tick].reference
         rest = self._held(tick, frames, reference)
-        found = np.zeros((len(self.washout), len(self.devices)))
+        derivative = np.zeros((len(self.washout), len(self.devices)))
         for d, device in enumerate(self.devices):
             move = -MOVE if reference[device] > 0.0 else MOVE  # away from the limit
             moved = reference.copy()
             moved[device] += move
             answer = (self._held(tick, frames, moved) - rest) / move
             for i, tau in enumerate(self.washout):
-                found[i, d] = _washed(answer[:, i], tau, 1.0 / self.rate)
-        return found
+                derivative[i, d] = _washed(answer[:, i], tau, 1.0 / self.rate)
+        return derivative
 
 
 def _washed(y: NDArray[np.float64], tau: float, dt: float) -> float:
     """The last output of a washout that starts at rest."""
-    kept, value = np.zeros(2), float(y[-1])
+    memory, value = np.zeros(2), float(y[-1])
     if tau > 0.0:
-        for one in y:
-            value = float(section(tau, 0.0, tau, dt, kept, 0, float(one)))
+        for sample in y:
+            value = float(section(tau, 0.0, tau, dt, memory, 0, float(sample)))
     return value
 
 
@@ -113,18 +113,18 @@ def follow(case: Case, record: Record, horizon: int) -> Followed:
     """Estimated and true derivatives over a run. Raises `InputError` if controller 0 has no identifier."""
     derivatives(case)
     c = case.controllers[0]
-    own = int(c.number("identifier_horizon"))
+    identified_horizon = int(c.number("identifier_horizon"))
     p, q = len(c.signals), len(c.devices)
     rows = record.estimates[record.estimates["controller"] == 0]
     estimates = rows["jacobian"].reshape(-1, p, q)
     respondent = Respondent(case, record)
-    ticks = np.arange(max(own, horizon), len(record.time_ns), EVERY)
+    ticks = np.arange(max(identified_horizon, horizon), len(record.time_ns), EVERY)
     built = loop.build_loop(case)
     limits, scale = built.control.bank.actuators.limit[0, :q], built.control.bank.settings[0]["scale"][:p]
     unit = limits / scale[:, None]
     true, stated = (
         np.array([respondent.jacobian(int(k) - frames, frames) for k in ticks]).reshape(-1, p, q) * unit
-        for frames in (own, horizon)
+        for frames in (identified_horizon, horizon)
     )
     return Followed(record.time_s[ticks], estimates[ticks] * unit, true, stated)
 
@@ -133,8 +133,10 @@ def derivatives(case: Case) -> list[str]:
     """The derivatives estimated by controller 0's identifier, `signal/device`. Raises `InputError` if it has none."""
     c = case.controllers[0] if case.controllers else None
     if c is None or c.scheme != "indirect":
-        given = f"{c.name} {c.scheme or ''}".strip() if c else "no controller"
-        raise InputError(f"jacobian: {given} given, which has no identifier; allowed: neuro-fuzzy, scheme indirect")
+        controller_text = f"{c.name} {c.scheme or ''}".strip() if c else "no controller"
+        raise InputError(
+            f"jacobian: {controller_text} given, which has no identifier; allowed: neuro-fuzzy, scheme indirect"
+        )
     return [f"{signal}/{device}" for signal in c.signals for device in c.devices]
 
 

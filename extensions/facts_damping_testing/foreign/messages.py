@@ -50,10 +50,10 @@ def _class(kind: NamespacedType) -> Any:
 
 def message(rng: Generator, kind: Any) -> Any:
     """A message with odd values in every field."""
-    made = kind()
+    filled = kind()
     for field, what in zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True):
-        setattr(made, field, value(rng, what, field))
-    return made
+        setattr(filled, field, value(rng, what, field))
+    return filled
 
 
 def hostile(rng: Generator, kind: Any, genuine: Sequence[bytes] = ()) -> bytes:

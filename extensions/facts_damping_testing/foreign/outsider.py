@@ -31,9 +31,9 @@ SERVICES: dict[str, tuple[Any, Callable[[Any], dict[str, Any]]]] = {
 
 
 def _transition(number: Any) -> Any:
-    made = ChangeState.Request().transition
-    made.id = int(number)
-    return made
+    transition = ChangeState.Request().transition
+    transition.id = int(number)
+    return transition
 
 
 class Outsider:
@@ -61,8 +61,8 @@ class Outsider:
     def keep(self, topic: str) -> None:
         """Keep the messages of a topic from now on."""
         if topic not in self.kept:
-            kept = self.kept.setdefault(topic, [])
-            self.listen(topic, self.kinds[topic], kept.append)
+            messages = self.kept.setdefault(topic, [])
+            self.listen(topic, self.kinds[topic], messages.append)
 
     def _on_frames(self, data: bytes) -> None:
         self.newest = max(self.newest, min(int.from_bytes(data[TICK_END : TICK_END + 8], "little"), self.newest + 1000))
@@ -70,18 +70,18 @@ class Outsider:
     def take(self) -> None:
         """Take the messages that have come from others."""
         handle: Any = self.node.handle
-        own = handle.identity
-        for one in self._read:
-            while (message := one.handle.take_message(one.msg_type, True)) is not None:
-                if not message[1]["publisher_gid"]["data"].startswith(own):
-                    one.callback(message[0])
+        identity = handle.identity
+        for subscription in self._read:
+            while (message := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                if not message[1]["publisher_gid"]["data"].startswith(identity):
+                    subscription.callback(message[0])
 
     def wait(self, until_s: float) -> None:
         """Wait for messages until a time, and take them."""
         make: Any = rclpy_implementation.WaitSet
         wait_set = make(len(self._read), 0, 0, 0, 0, 0, None)
-        for one in self._read:
-            wait_set.add_subscription(one.handle)
+        for subscription in self._read:
+            wait_set.add_subscription(subscription.handle)
         wait_set.wait(max(0, int(1e9 * (until_s - clock.monotonic()))))
         self.take()
 
@@ -91,7 +91,7 @@ class Outsider:
             qos = LOGGED if topic in LATE else PUBLISHER_QOS
             self._publishers[topic] = self.node.create_publisher(self.kinds[topic], topic, qos)
         publisher: Any = self._publishers[topic]
-        readers = [one.node.get_node_name() for one in publisher.handle.readers()]
+        readers = [reader.node.get_node_name() for reader in publisher.handle.readers()]
         publisher.publish(data)
         self.sent[topic] = self.sent.get(topic, 0) + readers.count("recorder")
 

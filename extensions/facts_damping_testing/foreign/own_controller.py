@@ -27,10 +27,14 @@ class OwnController(Node):
             time.sleep(0.01)
         reply = DeviceSetpoints(header=message.header, tick=message.tick, controller=self.get_name())
         for frame in message.frames[-1:]:
-            one = DeviceSetpoint(device=self._device, controller=self.get_name())
-            one.header.stamp, one.issued, one.effective = frame.header.stamp, frame.arrival, frame.arrival
-            one.value_pu, reply.fresh = 0.01 * (-1.0) ** message.tick, True
-            reply.setpoints.append(one)
+            setpoint = DeviceSetpoint(device=self._device, controller=self.get_name())
+            setpoint.header.stamp, setpoint.issued, setpoint.effective = (
+                frame.header.stamp,
+                frame.arrival,
+                frame.arrival,
+            )
+            setpoint.value_pu, reply.fresh = 0.01 * (-1.0) ** message.tick, True
+            reply.setpoints.append(setpoint)
         self._publisher.publish(reply)
 
 

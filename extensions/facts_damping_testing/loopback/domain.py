@@ -33,9 +33,9 @@ class Arguments:
     parameters: list[tuple[str | None, str, Any]] = field(default_factory=list)
 
 
-def parse(given: Sequence[str]) -> Arguments:
+def parse(command_line: Sequence[str]) -> Arguments:
     """Read the arguments between `--ros-args` and `--`; others are the program's own."""
-    found, for_ros, words = Arguments(), False, iter(given)
+    arguments, for_ros, words = Arguments(), False, iter(command_line)
     for word in words:
         if word in ("--ros-args", "--"):
             for_ros = word == "--ros-args"
@@ -47,12 +47,12 @@ def parse(given: Sequence[str]) -> Arguments:
             before, colon, after = left.partition(":")
             node, name = (before, after) if colon else (None, left)
             if word in PARAMETER:
-                found.parameters.append((node, name, yaml.safe_load(right)))
+                arguments.parameters.append((node, name, yaml.safe_load(right)))
             else:
-                found.remaps.append((node, name, right))
+                arguments.remaps.append((node, name, right))
         elif for_ros and word in FILE:
-            found.parameters += _from_file(Path(next(words, "")))
-    return found
+            arguments.parameters += _from_file(Path(next(words, "")))
+    return arguments
 
 
 def _from_file(path: Path) -> Iterator[tuple[str | None, str, Any]]:
@@ -88,7 +88,7 @@ class Domain:
     def remove(self, gone: Callable[[Any], bool]) -> None:
         """Remove nodes and endpoints."""
         for ends in self.by_class.values():
-            ends[:] = [one for one in ends if not gone(one)]
+            ends[:] = [end for end in ends if not gone(end)]
         self.version += 1
 
 
@@ -97,14 +97,14 @@ def domain() -> Domain:
     values = world().main.values
     if "domain" not in values:
         values["domain"] = Domain()
-    found: Domain = values["domain"]
-    return found
+    process_domain: Domain = values["domain"]
+    return process_domain
 
 
 def known(observer: Node, ends: Iterable[E], name: str) -> list[E]:
     """Those endpoints of a name that a node knows."""
     here = world()
-    return [one for one in ends if one.name == name and here.middleware.knows(here.now_ns, observer, one)]
+    return [end for end in ends if end.name == name and here.middleware.knows(here.now_ns, observer, end)]
 
 
 class Destroyable:
@@ -120,7 +120,7 @@ class Destroyable:
         pass
 
     def destroy_when_not_in_use(self) -> None:
-        domain().remove(lambda one: one is self)
+        domain().remove(lambda entity: entity is self)
 
 
 class Context(Destroyable):
@@ -150,7 +150,8 @@ class Node(Destroyable):
         arguments = [parse(cli or [])] + ([context.arguments] if use_global else [])
         self._name, self._namespace, self.context = name, f"/{namespace.strip('/')}", context
         self.rules = Arguments(
-            [rule for one in arguments for rule in one.remaps], [rule for one in arguments for rule in one.parameters]
+            [rule for parsed in arguments for rule in parsed.remaps],
+            [rule for parsed in arguments for rule in parsed.parameters],
         )
         for node, left, right in self.rules.remaps:
             if node in (None, name):
@@ -172,7 +173,7 @@ class Node(Destroyable):
             self._vanish()
 
     def _vanish(self) -> None:
-        domain().remove(lambda one: one is self or getattr(one, "node", None) is self)
+        domain().remove(lambda entity: entity is self or getattr(entity, "node", None) is self)
 
     def get_node_name(self) -> str:
         return self._name
@@ -193,8 +194,8 @@ class Node(Destroyable):
 
     def full(self, name: str) -> str:
         """Full name of a topic or service, before remapping."""
-        found: str = expand_topic_name(name, self._name, self._namespace)
-        return found
+        expanded: str = expand_topic_name(name, self._name, self._namespace)
+        return expanded
 
     def remapped(self, full: str) -> str:
         """A full name after remapping."""
@@ -207,10 +208,10 @@ class Node(Destroyable):
         return self.remapped(self.full(name))
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        return [(one.get_node_name(), one.get_namespace()) for one in domain().of(Node)]  # all, at once
+        return [(node.get_node_name(), node.get_namespace()) for node in domain().of(Node)]  # all, at once
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
-        return [(*one, "/") for one in self.get_node_names_and_namespaces()]
+        return [(*name_and_namespace, "/") for name_and_namespace in self.get_node_names_and_namespaces()]
 
 
 class Endpoint(Destroyable):

@@ -59,7 +59,9 @@ class Logger(RcutilsLogger):
 
     def log(self, message: str, severity: Any, *_: Any, **__: Any) -> bool:
         world().logs.append((world().now_ns, str(self.name), int(severity), str(message)))
-        node = next((one for one in domain().of(domains.Node) if one.logger_name() == self.name), None)
+        node = next(
+            (candidate for candidate in domain().of(domains.Node) if candidate.logger_name() == self.name), None
+        )
         if node is not None and node.rosout:
             text = Log(level=int(severity), name=self.name or "", msg=str(message))
             text.stamp.sec, text.stamp.nanosec = divmod(wall_ns(), 10**9)
@@ -68,32 +70,32 @@ class Logger(RcutilsLogger):
 
 
 def _rosout(node: domains.Node) -> Publisher:
-    kept: dict[Any, Publisher] = world().main.values.setdefault("rosout", {})
-    if node not in kept:
+    publishers: dict[Any, Publisher] = world().main.values.setdefault("rosout", {})
+    if node not in publishers:
         check_for_type_support(Log)
-        kept[node] = Publisher(node, Log, "/rosout", qos_profile_rosout_default.get_c_qos_profile())
-    return kept[node]
+        publishers[node] = Publisher(node, Log, "/rosout", qos_profile_rosout_default.get_c_qos_profile())
+    return publishers[node]
 
 
 def _info_by_topic(
     node: Node, endpoints: Sequence[TopicEndpoint], topic: str, endpoint_type: int
 ) -> list[dict[str, Any]]:
-    return [one.described(endpoint_type) for one in known(node, endpoints, topic)]
+    return [endpoint.described(endpoint_type) for endpoint in known(node, endpoints, topic)]
 
 
 def _types(endpoints: Sequence[Endpoint], kind: Callable[[Any], str]) -> list[tuple[str, list[str]]]:
     """Names of endpoints in order, each with its types."""
-    found: dict[str, set[str]] = {}
-    for one in endpoints:
-        found.setdefault(one.name, set()).add(kind(one))
-    return sorted((name, sorted(kinds)) for name, kinds in found.items())
+    kinds_of: dict[str, set[str]] = {}
+    for endpoint in endpoints:
+        kinds_of.setdefault(endpoint.name, set()).add(kind(endpoint))
+    return sorted((name, sorted(kinds)) for name, kinds in kinds_of.items())
 
 
 CLASSES = (
     *(Client, Clock, Context, Destroyable, EventHandle, GuardCondition, LifecycleStateMachine, Node, Publisher),
     *(Service, Subscription, Timer, TypeDescriptionService, WaitSet, rmw_request_id_t, rmw_service_info_t),
 )
-NAMES: dict[str, Any] = {one.__name__: one for one in CLASSES} | {
+NAMES: dict[str, Any] = {cls.__name__: cls for cls in CLASSES} | {
     "rclpy_resolve_name": lambda node, name, only_expand, _: node.full(name) if only_expand else node.resolve(name),
     "rclpy_remap_topic_name": Node.remapped,
     "rclpy_get_publishers_info_by_topic": lambda node, topic, _: _info_by_topic(node, domain().of(Publisher), topic, 1),
@@ -101,9 +103,11 @@ NAMES: dict[str, Any] = {one.__name__: one for one in CLASSES} | {
         node, domain().of(Subscription), topic, 2
     ),
     "rclpy_get_topic_names_and_types": lambda *_: _types(
-        [*domain().of(Publisher), *domain().of(Subscription)], lambda one: str(one.described(0)["topic_type"])
+        [*domain().of(Publisher), *domain().of(Subscription)], lambda endpoint: str(endpoint.described(0)["topic_type"])
     ),
-    "rclpy_get_service_names_and_types": lambda *_: _types(domain().of(Service), lambda one: str(one.kind.__name__)),
+    "rclpy_get_service_names_and_types": lambda *_: _types(
+        domain().of(Service), lambda endpoint: str(endpoint.kind.__name__)
+    ),
     "rclpy_get_rmw_implementation_identifier": lambda: "loopback",
     **dict.fromkeys(("register_sigint_guard_condition", "unregister_sigint_guard_condition"), lambda _: None),
     **dict.fromkeys(("rclpy_logging_configure", "rclpy_logging_fini"), lambda *_: None),

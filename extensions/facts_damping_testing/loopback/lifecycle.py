@@ -42,10 +42,10 @@ ASKED = (
 )
 # Ends of transitions: state meanwhile, result, its number, goal.
 ENDED = (
-    *((one[3], result, 10 * (i + 1) + k, to)
-      for i, one in enumerate(ASKED[:5])
+    *((row[3], result, 10 * (i + 1) + k, to)
+      for i, row in enumerate(ASKED[:5])
       for k, (result, to) in enumerate(
-          (("transition_success", one[4]), ("transition_failure", one[5]), ("transition_error", "errorprocessing")))),
+          (("transition_success", row[4]), ("transition_failure", row[5]), ("transition_error", "errorprocessing")))),
     ("errorprocessing", "transition_success", Transition.TRANSITION_ON_ERROR_SUCCESS, "unconfigured"),
     ("errorprocessing", "transition_failure", Transition.TRANSITION_ON_ERROR_FAILURE, "finalized"),
     ("errorprocessing", "transition_error", Transition.TRANSITION_ON_ERROR_ERROR, "finalized"),
@@ -84,8 +84,8 @@ class LifecycleStateMachine(Destroyable):
     def __init__(self, node: Node, _interface: bool) -> None:
         super().__init__()
         self.label, name = "unconfigured", node.get_fully_qualified_name()
-        for own, kind in SERVICES.items():
-            setattr(self, f"service_{own}", _Service(node, kind, f"{name}/{own}", qos_profile_services_default))
+        for service, kind in SERVICES.items():
+            setattr(self, f"service_{service}", _Service(node, kind, f"{name}/{service}", qos_profile_services_default))
         check_is_valid_msg_type(TransitionEvent)  # loads what serialises it
         qos = QoSProfile(depth=10).get_c_qos_profile()
         self._events = Publisher(node, TransitionEvent, f"{name}/transition_event", qos)
@@ -106,7 +106,7 @@ class LifecycleStateMachine(Destroyable):
 
     @property
     def available_transitions(self) -> list[tuple[int, str, int, str, int, str]]:
-        return [one for one in self.transition_graph if one[3] == self.label]
+        return [transition for transition in self.transition_graph if transition[3] == self.label]
 
     def get_transition_by_label(self, label: str) -> int:
         return self._find(1, label)[0]

@@ -112,8 +112,8 @@ class Middleware:
         return now_ns - self._silent_since_ns(now_ns, observer, end) <= self.lease_ns
 
     def _silent_since_ns(self, now_ns: int, observer: Node, end: Endpoint) -> int:
-        begins = [one.begins_ns for one in self.disturbances for node in (observer, end.node)
-                  if one.cut and not one.topic and one.concerns(now_ns, node)]  # fmt: skip
+        begins = [disturbance.begins_ns for disturbance in self.disturbances for node in (observer, end.node)
+                  if disturbance.cut and not disturbance.topic and disturbance.concerns(now_ns, node)]  # fmt: skip
         return min([end.node.process.stopped_ns, *begins])
 
     def match(self, subscription: Endpoint) -> bool:
@@ -127,10 +127,10 @@ class Middleware:
         A reliable publisher keeps it for a receiver that does not know it yet.
         """
         at = max(now_ns, self.known_from_ns(receiver.node, sender)) if self.discovery_ns else now_ns
-        for one in self.disturbances:
-            arrival = one.arrival_ns(now_ns, sender, receiver)
+        for disturbance in self.disturbances:
+            arrival = disturbance.arrival_ns(now_ns, sender, receiver)
             if arrival is None:
-                if one.loss:
+                if disturbance.loss:
                     self.lost.add(receiver.node.get_node_name())
                 return None
             at = max(at, arrival)

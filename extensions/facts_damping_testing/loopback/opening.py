@@ -48,10 +48,10 @@ class StandIn:
         self.module, self._names = module, names
 
     def __getattr__(self, name: str) -> Any:
-        found = self._names.get(name)
-        if found is None:
+        replacement = self._names.get(name)
+        if replacement is None:
             return getattr(self.module, name)
-        return found.of(process()) if isinstance(found, Mine) else found
+        return replacement.of(process()) if isinstance(replacement, Mine) else replacement
 
 
 class Mine:
@@ -71,7 +71,7 @@ STAND_INS = (
         sys,
         {"argv": Mine(lambda p: p.arguments), "stdout": Mine(lambda p: p.output), "stderr": Mine(lambda p: p.errors)},
     ),
-    StandIn(os, {"environ": Mine(lambda one: one.environment if one.pid else os.environ)}),
+    StandIn(os, {"environ": Mine(lambda running: running.environment if running.pid else os.environ)}),
     StandIn(signal, {"signal": _handle_signal}),
 )
 
@@ -93,8 +93,8 @@ def _executor() -> Executor:
     if "executor" not in here.values:
         here.values["executor"] = SingleThreadedExecutor(context=_default_context())
         here.at_end.append(here.values["executor"].shutdown)
-    found: Executor = here.values["executor"]
-    return found
+    executor: Executor = here.values["executor"]
+    return executor
 
 
 FUNCTIONS: dict[Any, Any] = {
@@ -135,9 +135,9 @@ def _start(
     here: World, node: str, arguments: Sequence[str], environment: Mapping[str, str], output: str, errors: str
 ) -> Process:
     """Start a node in place of `forked.start`."""
-    own = importlib.import_module(module_of(node))
+    node_module = importlib.import_module(module_of(node))
     streams = [open(name, "a", buffering=1) for name in (output, errors)]  # noqa: SIM115, PTH123 (closed at its end)
-    started = here.start(node, own.main, arguments, environment, *streams)
+    started = here.start(node, node_module.main, arguments, environment, *streams)
     started.at_end += [stream.close for stream in streams]
     return started
 
@@ -146,13 +146,17 @@ def _names(modules: Iterable[str]) -> Iterator[tuple[Any, str, Any]]:
     """All names of those modules that use the loopback: module, name, value."""
     for name in sorted(modules):
         if name.startswith(PATCHED) and not name.startswith(__package__ or ""):
-            yield from ((sys.modules[name], own, value) for own, value in list(vars(sys.modules[name]).items()))
+            yield from (
+                (sys.modules[name], global_name, value) for global_name, value in list(vars(sys.modules[name]).items())
+            )
 
 
 @lru_cache(maxsize=1)
 def _places(modules: frozenset[str]) -> list[tuple[Any, str, Any]]:
     """Names of modules that are replaced: module, name, the loopback's value."""
-    ours_of = {id(one.module): one for one in STAND_INS} | {id(real): ours for real, ours in FUNCTIONS.items()}
+    ours_of = {id(stand_in.module): stand_in for stand_in in STAND_INS} | {
+        id(real): ours for real, ours in FUNCTIONS.items()
+    }
     return [(module, name, ours_of[id(value)]) for module, name, value in _names(modules) if id(value) in ours_of]
 
 

@@ -32,10 +32,10 @@ current: contextvars.ContextVar[Process | None] = contextvars.ContextVar("curren
 
 def process() -> Process:
     """The process that runs."""
-    found = current.get()
-    if found is None:
+    running = current.get()
+    if running is None:
         raise RuntimeError("no loopback in this thread")
-    return found
+    return running
 
 
 def world() -> World:
@@ -147,27 +147,27 @@ class World:
         threading.Thread(target=self._run, args=(process, run), daemon=True, name=name).start()
         return process
 
-    def _run(self, process: Process, run: Callable[[], Any]) -> None:
-        process.turn.get()
-        current.set(process)
-        process.at_begin()
+    def _run(self, program: Process, run: Callable[[], Any]) -> None:
+        program.turn.get()
+        current.set(program)
+        program.at_begin()
         status: Any = 0
         try:
-            if not process.killed:
-                process.began = True
+            if not program.killed:
+                program.began = True
                 run()
         except SystemExit as end:
             status = end.code if isinstance(end.code, int) else int(end.code is not None)
         except Killed:
             status = -9
         except BaseException as error:  # noqa: BLE001 (as a process would end)
-            process.errors.write(f"{type(error).__name__}: {error}\n")
+            program.errors.write(f"{type(error).__name__}: {error}\n")
             status = 1
-        for close in process.at_end:
+        for close in program.at_end:
             close()
-        process.exitcode = -9 if process.killed else status
-        process.ready, process.until_ns = never, NEVER
-        self._next(process).turn.put(None)
+        program.exitcode = -9 if program.killed else status
+        program.ready, program.until_ns = never, NEVER
+        self._next(program).turn.put(None)
 
     def wait(self, ready: Callable[[], bool], until_ns: int) -> None:
         """Let others run until `ready` returns true or until a time."""
@@ -183,31 +183,33 @@ class World:
         if process.killed and process is not self.main:
             raise Killed
 
-    def _next(self, process: Process) -> Process:
+    def _next(self, program: Process) -> Process:
         """The process that runs after another one, in the order of their starts; time goes on if all wait."""
-        order = [one for one in self.processes if one.exitcode is None]
+        order = [peer for peer in self.processes if peer.exitcode is None]
         if (chance := self._random) is not None:
             order.sort(key=lambda _: chance.random())
         else:
-            order.sort(key=lambda one: one.pid <= process.pid)
+            order.sort(key=lambda peer: peer.pid <= program.pid)
         while True:
             while self._actions and self._actions[0][0] <= self.now_ns:
                 heapq.heappop(self._actions)[2]()
-            for one in order:
-                if one.killed or (one.responds and one.busy_until_ns <= self.now_ns and self._is_due(one)):
-                    return one
-            live = [one for one in order if one.responds]
-            times = [max(one.until_ns, one.busy_until_ns) for one in live]
-            times += [one.busy_until_ns for one in live if one.busy_until_ns > self.now_ns]
+            for successor in order:
+                if successor.killed or (
+                    successor.responds and successor.busy_until_ns <= self.now_ns and self._is_due(successor)
+                ):
+                    return successor
+            live = [waiting for waiting in order if waiting.responds]
+            times = [max(waiting.until_ns, waiting.busy_until_ns) for waiting in live]
+            times += [waiting.busy_until_ns for waiting in live if waiting.busy_until_ns > self.now_ns]
             self.now_ns = min([*times, *(row[0] for row in self._actions[:1])], default=NEVER)
             if self.now_ns == NEVER:
-                raise RuntimeError(f"all wait for each other: {', '.join(one.name for one in order)}")
+                raise RuntimeError(f"all wait for each other: {', '.join(waiting.name for waiting in order)}")
 
-    def _is_due(self, process: Process) -> bool:
-        return process.until_ns <= self.now_ns or process.ready()
+    def _is_due(self, program: Process) -> bool:
+        return program.until_ns <= self.now_ns or program.ready()
 
     def signal(self, pid: int, number: int) -> None:
-        process = next((one for one in self.processes[1:] if one.pid == pid and one.exitcode is None), None)
+        process = next((peer for peer in self.processes[1:] if peer.pid == pid and peer.exitcode is None), None)
         if process is None:
             raise ProcessLookupError(pid)
         if number == signal.SIGKILL:

@@ -82,10 +82,13 @@ class Publisher(TopicEndpoint):
         """The subscriptions that it sends to: those that it knows. One that does not know it yet gets them then."""
         ends = domain()
         if self._version != ends.version:
-            self._version, self._fitting = ends.version, [one for one in ends.of(Subscription) if fit(self, one)]
+            self._version, self._fitting = (
+                ends.version,
+                [subscription for subscription in ends.of(Subscription) if fit(self, subscription)],
+            )
         here = world()
         knows, now = here.middleware.knows, here.now_ns
-        return [one for one in self._fitting if knows(now, self.node, one)]
+        return [subscription for subscription in self._fitting if knows(now, self.node, subscription)]
 
     def publish(self, message: Any) -> None:
         self.publish_raw(real.rclpy_serialize(message, self.kind))
@@ -103,8 +106,8 @@ class Publisher(TopicEndpoint):
         message = bytes(data), information
         if self.latched:
             self.waiting.append(message)
-        for one in self.readers():
-            deliver(self, one, message)
+        for subscription in self.readers():
+            deliver(self, subscription, message)
 
     def get_subscription_count(self) -> int:
         return len(self.readers())
@@ -113,7 +116,9 @@ class Publisher(TopicEndpoint):
         """Wait until all that was sent has arrived at readers that respond; a killed one is waited for in vain."""
 
         def acked() -> bool:
-            return all(one.node.process.responds and not one.under_way for one in self.readers())
+            return all(
+                subscription.node.process.responds and not subscription.under_way for subscription in self.readers()
+            )
 
         if not acked():
             world().wait(acked, world().now_ns + timeout.nanoseconds)
@@ -138,4 +143,4 @@ class Subscription(TopicEndpoint):
         return (data if raw else real.rclpy_deserialize(data, kind)), information
 
     def get_publisher_count(self) -> int:
-        return sum(self in one.readers() for one in domain().of(Publisher))
+        return sum(self in publisher.readers() for publisher in domain().of(Publisher))

@@ -142,13 +142,15 @@ class WaitSet(Destroyable):
 
     def wait(self, timeout_ns: int) -> None:
         """Wait at most `timeout_ns`; without limit if it is negative."""
-        ready = [one.is_ready for added in self.added.values() for one in added]
+        ready = [waitable.is_ready for added in self.added.values() for waitable in added]
         until = NEVER if timeout_ns < 0 else world().now_ns + timeout_ns
-        until = min(until, *(one.due_ns() for one in self.added["timer"]), NEVER)
-        world().wait(lambda: any(one() for one in ready), until)
-        self._ready = {kind: [one.pointer for one in added if one.is_ready()] for kind, added in self.added.items()}
-        for one in self.added["guard_condition"]:
-            one.reset()
+        until = min(until, *(timer.due_ns() for timer in self.added["timer"]), NEVER)
+        world().wait(lambda: any(is_ready() for is_ready in ready), until)
+        self._ready = {
+            kind: [waitable.pointer for waitable in added if waitable.is_ready()] for kind, added in self.added.items()
+        }
+        for guard in self.added["guard_condition"]:
+            guard.reset()
 
     def get_ready_entities(self, kind: str) -> list[int]:
         return self._ready[kind]

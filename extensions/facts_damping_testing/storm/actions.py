@@ -23,10 +23,10 @@ def disturbance(**fields: Any) -> Callable[[StormGraph, Event], None]:
     def act(storm_graph: StormGraph, event: Event) -> None:
         now = storm_graph.world.now_ns
         ends = now + to_ns(event.lasts) if event.lasts else NEVER
-        given = {name: value(event) if callable(value) else value for name, value in fields.items()}
+        values = {name: value(event) if callable(value) else value for name, value in fields.items()}
         node = event.node.rpartition("/")[2]
         rows = storm_graph.world.middleware.disturbances
-        rows.append(Disturbance(now, ends, node, event.topic, seed=storm_graph.storm.seed + len(rows) + 1, **given))
+        rows.append(Disturbance(now, ends, node, event.topic, seed=storm_graph.storm.seed + len(rows) + 1, **values))
 
     return act
 

@@ -62,8 +62,8 @@ class Chance:
     def subscription(self) -> Drawn:
         """A node and the end of a topic that it subscribes to."""
         node = self.node()
-        own = next((ends for role, ends in SUBSCRIBED.items() if role in node), None)
-        return {"node": node, "topic": self.random.choice(own) if own else self.topic()}
+        subscribed = next((ends for role, ends in SUBSCRIBED.items() if role in node), None)
+        return {"node": node, "topic": self.random.choice(subscribed) if subscribed else self.topic()}
 
     def topic(self) -> str:
         """A topic of the graph."""
@@ -85,18 +85,18 @@ def nodes(case: Case) -> list[str]:
 
 def late(chance: Chance) -> Drawn:
     """Late messages: of all nodes, of one, or of one topic."""
-    one = chance.random.random()
-    where: Drawn = {} if one < 0.3 else {"node": chance.node()} if one < 0.7 else {"topic": chance.topic()}
+    fraction = chance.random.random()
+    where: Drawn = {} if fraction < 0.3 else {"node": chance.node()} if fraction < 0.7 else {"topic": chance.topic()}
     return {"lasts": chance.lasts(2.0), "size": chance.lasts(0.4), **where}
 
 
 def service(chance: Chance) -> Drawn:
     """A service of one of the nodes, with a request."""
     node = chance.node()
-    own = {PLANT: ["pause", "resume", "step", "reset", "rearm", "apply"], RECORDER: []}.get(node)
-    if own is None:
-        own = list(COMMANDS) if "supervisor" in node else ["arm", "apply"] if "link" in node else ["arm"]
-    name = chance.random.choice([*own, *own, "change_state"])
+    services = {PLANT: ["pause", "resume", "step", "reset", "rearm", "apply"], RECORDER: []}.get(node)
+    if services is None:
+        services = list(COMMANDS) if "supervisor" in node else ["arm", "apply"] if "link" in node else ["arm"]
+    name = chance.random.choice([*services, *services, "change_state"])
     values: dict[str, tuple[Any, ...]] = {
         "step": (0, 1, 3),
         "apply": EVENTS if node == PLANT else LINKS,
@@ -121,7 +121,7 @@ def parameter(chance: Chance) -> Drawn:
 
 def change_supervisor(chance: Chance) -> Drawn:
     """A command for a supervisor, if there is one; else a service."""
-    places = [str(one) for one in supervisor_addresses(chance.case).values()]
+    places = [str(address) for address in supervisor_addresses(chance.case).values()]
     if not places:
         return service(chance)
     return {"node": chance.random.choice(places), "name": chance.random.choice(list(COMMANDS))}

@@ -36,7 +36,7 @@ def conduct(storm_graph: StormGraph) -> None:
     cases = storm_graph.foreign, storm_graph.case
     forged = {with_key: forgeries(case, PATIENCE_S, MARK) for with_key, case in enumerate(cases)}
     attacked = -1
-    waiting = [one for one in storm_graph.storm.events if not KINDS[one.kind].starts]
+    waiting = [event for event in storm_graph.storm.events if not KINDS[event.kind].starts]
     while True:
         now_s = storm_graph.time_s()
         while waiting and waiting[0].at <= now_s:
@@ -59,14 +59,14 @@ def do(storm_graph: StormGraph, event: Event) -> None:
 
 def _mend(storm_graph: StormGraph) -> None:
     """Resume a plant that is paused once all events are over, and stop one that cannot be reached."""
-    if found := storm_graph.process(PLANT):
-        found.values["mended"] = found.values.get("mended", 0) + 1
-        if found.values["mended"] == 1:
+    if plant := storm_graph.process(PLANT):
+        plant.values["mended"] = plant.values.get("mended", 0) + 1
+        if plant.values["mended"] == 1:
             storm_graph.outsider.call(PLANT, "resume", None)
-        elif found.values["mended"] == UNREACHABLE:
-            works = found.responds and found.busy_until_ns <= storm_graph.world.now_ns
-            own = [one for one in storm_graph.storm.events if one.node in ("", PLANT)]
-            storm_graph.overdue = works and not any((one.name or one.kind) in STOP_PLANT for one in own)
+        elif plant.values["mended"] == UNREACHABLE:
+            works = plant.responds and plant.busy_until_ns <= storm_graph.world.now_ns
+            of_plant = [event for event in storm_graph.storm.events if event.node in ("", PLANT)]
+            storm_graph.overdue = works and not any((event.name or event.kind) in STOP_PLANT for event in of_plant)
             storm_graph.signal(PLANT, signal.SIGTERM)
 
 
@@ -77,7 +77,9 @@ def _measure(storm_graph: StormGraph, tick: int) -> None:
     """
     ticks, last = storm_graph.case.ticks, storm_graph.memory[-1][0] if storm_graph.memory else 0
     due = ticks >= MEASURED and ticks // 2 <= tick < ticks and tick - last >= ticks // 16
-    if due and all(len(one.waiting) + one.under_way <= BEHIND for one in domain().of(Subscription)):
+    if due and all(
+        len(subscription.waiting) + subscription.under_way <= BEHIND for subscription in domain().of(Subscription)
+    ):
         gc.collect()
         storm_graph.memory.append((tick, sys.getallocatedblocks()))
 

@@ -49,7 +49,7 @@ SUPERVISIONS: tuple[dict[str, Any], ...] = (
 def _link(chance: random.Random) -> Any:
     if chance.random() < 0.4:
         return chance.choice(["ideal", "fibre", "pdci"])
-    ways = {way: [dict(one) for one in chance.sample(STAGES, chance.randrange(3))] for way in ("up", "down")}
+    ways = {way: [dict(stage) for stage in chance.sample(STAGES, chance.randrange(3))] for way in ("up", "down")}
     return {"description": "", **ways}
 
 
@@ -72,10 +72,10 @@ def _run(chance: random.Random) -> dict[str, Any]:
         signals = {"w34": "f34", "speed": "frequency"}
         run["measurement"] = "p_class"
         run["controllers"] = [
-            one | {"signals": [signals.get(name, name) for name in one.get("signals", ["speed"])]}
-            for one in run["controllers"]
+            row | {"signals": [signals.get(name, name) for name in row.get("signals", ["speed"])]}
+            for row in run["controllers"]
         ]
-    devices = {name for one in run["controllers"] for name in one.get("devices", ["sssc"])}
+    devices = {name for row in run["controllers"] for name in row.get("devices", ["sssc"])}
     if len(devices) > 1:
         run["devices"] = ["sssc", "statcom"]
     return run
@@ -94,7 +94,7 @@ def draw(seed: int) -> Storm:
         seed=seed,
         mode=mode,
         run=run,
-        signed=chance.random() < 0.5 and not any(one.get("external") for one in run["controllers"]),
+        signed=chance.random() < 0.5 and not any(row.get("external") for row in run["controllers"]),
         discovery=round(chance.uniform(0.0, 1.0), 3) if late else 0.0,
     )
     return _with_events(storm, chance)
@@ -109,7 +109,7 @@ def long(storm: Storm, chance: random.Random) -> Storm:
 def _with_events(storm: Storm, chance: random.Random) -> Storm:
     case = make_case(dict(storm.run), f"storm {storm.seed}")
     events = [event(Chance(chance, case, storm.mode)) for _ in range(min(1 + int(chance.expovariate(0.5)), 8))]
-    return storm.model_copy(update={"events": sorted(events, key=lambda one: one.at)})
+    return storm.model_copy(update={"events": sorted(events, key=lambda storm_event: storm_event.at)})
 
 
 def event(chance: Chance) -> Event:

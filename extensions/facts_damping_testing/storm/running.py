@@ -100,7 +100,7 @@ def run(storm: Storm, folder: Path) -> Trace:
         foreign = case_of(storm, folder, "other_keys.yaml") if storm.signed else case
         storm_graph = _prepared(world, storm, case, foreign)
         with _watched(storm_graph):
-            last_s = max([0.0, *(one.at for one in storm.events)])  # a plant may be paused until then
+            last_s = max([0.0, *(event.at for event in storm.events)])  # a plant may be paused until then
             world.at(to_ns(LIMIT_S + last_s + case.ticks / case.run.frame_rate), lambda: _break_off(storm_graph))
             failed = io.StringIO()
             world.start("outsider", partial(conduct, storm_graph), (), {}, failed, failed)
@@ -165,8 +165,8 @@ def _run_graph(storm_graph: StormGraph, out: Path) -> None:
 
 def _break_off(storm_graph: StormGraph) -> None:
     storm_graph.overdue = True
-    for one in storm_graph.world.processes[1:]:
-        one.kill()
+    for program in storm_graph.world.processes[1:]:
+        program.kill()
 
 
 @contextmanager
@@ -174,10 +174,10 @@ def _watched(storm_graph: StormGraph) -> Iterator[None]:
     """Take note of each node that starts; let its disk fail when an event says so."""
     start, open_new, whole = processes.start, writer._open_new, writing.write_whole  # noqa: SLF001 (the place to fail)
 
-    def watched(name: str, module: str, parameters: dict[str, Any], *given: Any) -> processes.Process:
+    def watched(name: str, module: str, parameters: dict[str, Any], *positional: Any) -> processes.Process:
         given_s = {} if module == COCKPIT else {"start_timeout": PATIENCE_S}
-        made: processes.Process = start(name, module, {**parameters, **given_s}, *given)
-        return storm_graph.launched(name, made)
+        launched: processes.Process = start(name, module, {**parameters, **given_s}, *positional)
+        return storm_graph.launched(name, launched)
 
     def write_whole(path: Path, text: str) -> None:
         if what := process().values.get("disk"):
@@ -212,11 +212,13 @@ def _replaced(module: ModuleType, name: str, function: Callable[..., Any]) -> It
 
 
 def _ends(storm_graph: StormGraph) -> list[NodeEnd]:
-    found = []
-    for name, own, output, errors in storm_graph.ever:
+    ends = []
+    for name, program, output, errors in storm_graph.ever:
         said, failed = _text(output), _text(errors)
-        found.append(NodeEnd(name, own.exitcode, said, failed, own.pid in storm_graph.killed or not own.began))
-    return found
+        ends.append(
+            NodeEnd(name, program.exitcode, said, failed, program.pid in storm_graph.killed or not program.began)
+        )
+    return ends
 
 
 def _text(file: IO[bytes]) -> str:

@@ -68,9 +68,9 @@ def try_storm(storm: Storm, *, traced: bool = False, place: Path | None = None) 
                 trace = running.run(storm, Path(folder))
             data = watch.get_data()
             lines = [f"{file}:{line}" for file in data.measured_files() for line in data.lines(file) or ()]
-        found = violations(trace)
+        broken = violations(trace)
     plant_s = 0.0 if trace.record is None else len(trace.record.ticks) / trace.record.frame_rate
-    return Result(found, frozenset([*lines, *_reached(trace)]), trace.world_s, plant_s)
+    return Result(broken, frozenset([*lines, *_reached(trace)]), trace.world_s, plant_s)
 
 
 def _coverage() -> Any:
@@ -83,9 +83,9 @@ def _coverage() -> Any:
 def _reached(trace: Trace) -> Iterator[str]:
     """Features of a trace: pairs of kinds of events with the supervisor's state, logged texts, ends."""
     rows = None if trace.record is None else trace.record.supervision
-    for one in trace.timeline:
-        states = set() if rows is None else set(rows["state"][rows["tick"] == one.tick].tolist())
-        yield from (f"{one.kind} in {state} of {trace.mode}" for state in states or {"no state"})
+    for done in trace.timeline:
+        states = set() if rows is None else set(rows["state"][rows["tick"] == done.tick].tolist())
+        yield from (f"{done.kind} in {state} of {trace.mode}" for state in states or {"no state"})
     yield from (_template(text) for _, _, _, text in trace.logs)
     yield fingerprint("ends", trace.reason)
 
@@ -110,7 +110,7 @@ def vary(storm: Storm, chance: random.Random) -> Storm:
         at = min(max(-1.0, events[i].at + chance.gauss(0.0, 0.1)), case.ticks / case.run.frame_rate)
         events[i] = events[i].model_copy(update={"at": round(at, 4)})
     mode = chance.choice(drawing.MODES) if what == "mode" else storm.mode
-    update = {"seed": chance.randrange(2**31), "mode": mode, "events": sorted(events, key=lambda one: one.at)}
+    update = {"seed": chance.randrange(2**31), "mode": mode, "events": sorted(events, key=lambda event: event.at)}
     return storm.model_copy(update=update)
 
 
@@ -216,11 +216,11 @@ class Worker:
     def result(self) -> tuple[Storm, Result] | None:
         """Its storm and the result; None: the storm is none. A worker that died is started anew."""
         try:
-            found: tuple[Storm, Result] | None = self.pipe.recv()
+            answer: tuple[Storm, Result] | None = self.pipe.recv()
         except EOFError:
             return self._dead("the process ended")
         self.make = None
-        return found
+        return answer
 
     def overdue(self) -> tuple[Storm, Result] | None:
         """A result if its storm hangs; the worker is then started anew."""
@@ -252,8 +252,8 @@ def _workers(jobs: int) -> Iterator[list[Worker]]:
                 workers.append(Worker(folder, number))  # noqa: PERF401 (those that began end in any case)
             yield workers
         finally:
-            for one in workers:
-                one.close()
+            for worker in workers:
+                worker.close()
 
 
 def search(
@@ -267,21 +267,21 @@ def search(
 
     `tell`: called after each; `enough`: ends it early.
     """
-    chance, found, until = random.Random(seed), Findings(), time.monotonic() + 60.0 * minutes
+    chance, findings, until = random.Random(seed), Findings(), time.monotonic() + 60.0 * minutes
     with suppress(KeyboardInterrupt), _workers(jobs) as workers:
-        while time.monotonic() < until and not enough(found):
-            for one in workers:
-                if one.make is None:
-                    base = chance.choice(found.kept) if found.kept and chance.random() < VARIED else None
-                    one.send(partial(next_storm, base, chance.randrange(2**31)), found.storms % TRACED == 0)
-            ready = wait([one.pipe for one in workers], 1.0)
-            for one in workers:
-                result = one.result() if one.pipe in ready else one.overdue()
+        while time.monotonic() < until and not enough(findings):
+            for worker in workers:
+                if worker.make is None:
+                    base = chance.choice(findings.kept) if findings.kept and chance.random() < VARIED else None
+                    worker.send(partial(next_storm, base, chance.randrange(2**31)), findings.storms % TRACED == 0)
+            ready = wait([busy.pipe for busy in workers], 1.0)
+            for worker in workers:
+                result = worker.result() if worker.pipe in ready else worker.overdue()
                 if result is not None:
-                    found.add(*result)
-                    tell(found)
-        found.complete = True
-    return found
+                    findings.add(*result)
+                    tell(findings)
+        findings.complete = True
+    return findings
 
 
 def shrunk(storm: Storm, mark: str, most: int = 200) -> Storm:
@@ -293,7 +293,7 @@ def shrunk(storm: Storm, mark: str, most: int = 200) -> Storm:
         while late is None and not worker.pipe.poll(1.0):
             late = worker.overdue()
         result = worker.result() if late is None else late
-        return result is not None and any(fingerprint(*one) == mark for one in result[1].violations)
+        return result is not None and any(fingerprint(*violation) == mark for violation in result[1].violations)
 
     with _workers(1) as (worker,):
         return shrink(storm, breaks, most)

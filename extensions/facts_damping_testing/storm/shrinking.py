@@ -64,8 +64,8 @@ def _milder(storm: Storm) -> Iterator[Storm]:
         plain = value.get(storm.run["system"]) if isinstance(value, dict) else value
         if storm.run.get(name) != plain:
             run = {
-                key: given
-                for key, given in storm.run.items()
+                key: choice
+                for key, choice in storm.run.items()
                 if key != name and (name, key) != ("supervision", "arm_at")
             }
             yield storm.model_copy(update={"run": run if plain is None else run | {name: plain}})

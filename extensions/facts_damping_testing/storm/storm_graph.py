@@ -75,30 +75,30 @@ class StormGraph:
 
     def process(self, name: str) -> Process | None:
         """A running process of the graph."""
-        found: Any = self.running[name].process if name in self.running else None
-        return found if found is not None and found.exitcode is None else None
+        program: Any = self.running[name].process if name in self.running else None
+        return program if program is not None and program.exitcode is None else None
 
     def signal(self, name: str, number: int) -> None:
         """Send a signal to a node, if it runs."""
-        if found := self.process(name):
-            self.world.signal(found.pid, number)
-            if found.killed:
-                self.killed.add(found.pid)
+        if program := self.process(name):
+            self.world.signal(program.pid, number)
+            if program.killed:
+                self.killed.add(program.pid)
 
     def later(self, after_s: float, act: Callable[[], Any]) -> None:
         """Do something after a time."""
         self.world.at(self.world.now_ns + to_ns(after_s), act)
 
-    def launched(self, name: str, process: processes.Process) -> processes.Process:
+    def launched(self, name: str, launched_process: processes.Process) -> processes.Process:
         """Take note of a node that is started, and let it start late if an event says so."""
-        own: Any = process.process
-        self.running[name] = process
-        files = [os.fdopen(os.dup(file.fileno()), "rb") for file in (process.output, process.errors)]
-        self.ever.append((name, own, files[0], files[1]))
-        own.busy_until_ns = self.world.now_ns + to_ns(self.late_s.pop(name, 0.0))
+        program: Any = launched_process.process
+        self.running[name] = launched_process
+        files = [os.fdopen(os.dup(file.fileno()), "rb") for file in (launched_process.output, launched_process.errors)]
+        self.ever.append((name, program, files[0], files[1]))
+        program.busy_until_ns = self.world.now_ns + to_ns(self.late_s.pop(name, 0.0))
         if line := self.at_line.pop(name, 0):
-            own.at_begin = lambda: sys.settrace(_at_line(own, line))
-        return process
+            program.at_begin = lambda: sys.settrace(_at_line(program, line))
+        return launched_process
 
     def look(self, _tick: int, members: dict[str, processes.Process]) -> None:
         """Start nodes that events ask for, as the program that runs the graph does: while it does not end it."""
@@ -111,7 +111,7 @@ class StormGraph:
                 self.running[name] = members[name]  # events happen to the first one
 
 
-def _at_line(process: Process, line: int) -> Callable[..., Any]:
+def _at_line(program: Process, line: int) -> Callable[..., Any]:
     """A trace function that sends SIGTERM at a line of the recorder's files, counted as they are executed."""
     left = [line]
 
@@ -122,7 +122,7 @@ def _at_line(process: Process, line: int) -> Callable[..., Any]:
             left[0] -= 1
             if left[0] == 0:
                 sys.settrace(None)
-                process.world.signal(process.pid, signal.SIGTERM)
+                program.world.signal(program.pid, signal.SIGTERM)
         return trace
 
     return trace

@@ -67,20 +67,20 @@ class RequestFilter:
             return
         await answer(scope, receive, _with_headers(send, datastructures.MutableHeaders))
 
-    def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), self._token.encode())
+    def _is_token(self, token: str) -> bool:
+        return hmac.compare_digest(token.encode(), self._token.encode())
 
     def _refused(self, scope: Any, headers: Any) -> str:
         """Why a request is refused by its Host, Origin and site; empty if it is not."""
         host = headers.get("host", "").lower()
         name, port = (scope.get("server") or ("", None))[:2]
-        hosts = [f"[{one}]" if ":" in one else one for one in (*self._names, str(name).lower())]
-        allowed = {f"{one}:{port}" for one in hosts} | (set(hosts) if port == HTTP else set())
+        hosts = [f"[{host_name}]" if ":" in host_name else host_name for host_name in (*self._names, str(name).lower())]
+        allowed = {f"{host_name}:{port}" for host_name in hosts} | (set(hosts) if port == HTTP else set())
         if host not in allowed or len(headers.getlist("host")) != 1:
             return f"Host: {host[:80]} given; allowed: {', '.join(sorted(allowed))}"
-        origin, own = headers.get("origin"), f"http://{host}"
-        if origin != own and (origin is not None or scope["type"] == "websocket"):
-            return f"Origin: {(origin or 'none')[:80]} given; allowed: {own}"
+        origin, own_origin = headers.get("origin"), f"http://{host}"
+        if origin != own_origin and (origin is not None or scope["type"] == "websocket"):
+            return f"Origin: {(origin or 'none')[:80]} given; allowed: {own_origin}"
         site, opens = headers.get("sec-fetch-site", "none"), headers.get("sec-fetch-dest") == "document"
         if scope["type"] == "http" and site not in SITES and not (opens and scope["path"] == "/"):
             return f"Sec-Fetch-Site: {site[:80]} given; allowed: {', '.join(SITES)}"

@@ -267,7 +267,7 @@ class Cockpit:
         return _of_panel(request, self.content.data, "application/octet-stream")
 
     async def _panel_events(self, request: Any) -> Any:
-        events = {name: json.dumps(own) for name, own in self.content.events.items()}
+        events = {name: json.dumps(panel_events) for name, panel_events in self.content.events.items()}
         return _of_panel(request, events, "application/json")
 
     async def _report(self, request: Any) -> Any:

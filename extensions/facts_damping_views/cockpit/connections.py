@@ -25,9 +25,13 @@ class Connection(H11Protocol):
         """Begin to wait for a request."""
         super().connection_made(transport)
         self._look()
-        ends = {one: one.late.when() for one in self.connections if isinstance(one, Connection) and one.late}
+        ends = {
+            connection: connection.late.when()
+            for connection in self.connections
+            if isinstance(connection, Connection) and connection.late
+        }
         if len(ends) > WAITING:
-            min(ends, key=lambda one: ends[one]).end()
+            min(ends, key=lambda connection: ends[connection]).end()
 
     def data_received(self, data: bytes) -> None:
         """Take a part of a request."""

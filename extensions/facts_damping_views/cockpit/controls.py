@@ -61,8 +61,14 @@ COMMANDS = ("arm", "disarm", "reset", "probe")  # of a supervisor
 
 def controls(case: Case, *, launched: bool = False, paced: bool = True) -> dict[str, Control]:
     """Controls of a case by id. `launched`: the program that runs the graph reads lines; `paced`: by the clock."""
-    found = [*_link(case), *_grid(case), *_supervisors(case), *_nodes(case, launched=launched and paced), *_run()]
-    return {one.id: one for one in found}
+    all_controls = [
+        *_link(case),
+        *_grid(case),
+        *_supervisors(case),
+        *_nodes(case, launched=launched and paced),
+        *_run(),
+    ]
+    return {control.id: control for control in all_controls}
 
 
 def _shown(name: str, label: str, kind: str, **more: Any) -> dict[str, Any]:
@@ -79,17 +85,17 @@ def _number(name: str, unit: str, low: float, high: float, value: float) -> dict
 
 
 def _link(case: Case) -> list[Control]:
-    found = []
+    link_controls = []
     for i, address in enumerate(names.link_addresses(case)):
         channel = _choice("channel", [ALL, *(pmu.name for pmu in case.system.pmus), *case.run.devices])
         request = partial(_linked, case, i)
         for name, (label, unit, high, step) in SLIDERS.items():
             more: dict[str, Any] = {"unit": unit, "low": 0.0, "high": high, "step": step, "value": 0.0}
             shown = _shown(f"link/{address}/{name}", f"{address}: {label}", "slider", **more, fields=[channel])
-            found.append(Control(shown, request, keeps=True))
+            link_controls.append(Control(shown, request, keeps=True))
         shown = _shown(f"link/{address}/cut", f"{address}: cut", "toggle", value=False)
-        found.append(Control(shown, request, keeps=True))
-    return found
+        link_controls.append(Control(shown, request, keeps=True))
+    return link_controls
 
 
 def _linked(case: Case, link: int, _: Any, values: Values) -> Request:
@@ -124,11 +130,13 @@ def _grid(case: Case) -> list[Control]:
     machines = {m.name: flow.generation[m.name].real * system.base_power for m in system.machines}
     sources = {name: power for name, power in (loads | machines).items() if abs(power) > 1e-6}
     largest = max((abs(power) for power in (loads | machines).values()), default=1.0)
-    found = []
+    grid_controls = []
 
     def add(name: str, label: str, fields: list[dict[str, Any]], event: Callable[[Any], dict[str, Any]]) -> None:
         shown = _shown(f"grid/{name}", label, "form", fields=fields)
-        found.append(Control(shown, lambda value, _: Request(APPLY, f"{PLANT}/apply", json.dumps(event(value)))))
+        grid_controls.append(
+            Control(shown, lambda value, _: Request(APPLY, f"{PLANT}/apply", json.dumps(event(value))))
+        )
 
     buses = _choice("bus", [bus.name for bus in system.buses])
     duration = _number("duration", "s", 0.01, 1.0, 0.1)
@@ -162,7 +170,7 @@ def _grid(case: Case) -> list[Control]:
             },
         )
     rearm = Request(TRIGGER, f"{PLANT}/rearm")
-    return [*found, Control(_shown("grid/rearm", "re-arm released devices", "button"), lambda _, __: rearm)]
+    return [*grid_controls, Control(_shown("grid/rearm", "re-arm released devices", "button"), lambda _, __: rearm)]
 
 
 def _button(name: str, label: str, request: Request) -> Control:
@@ -180,24 +188,28 @@ def _supervisors(case: Case) -> list[Control]:
 
 def _nodes(case: Case, *, launched: bool) -> list[Control]:
     """Kill and restart, where the launcher does it; arm, for what joined."""
-    own = {str(a) for a, c in zip(names.controller_addresses(case), case.controllers, strict=True) if kind_of(c).node}
-    found, supervisors = [], {str(one) for one in names.supervisor_addresses(case).values()}
+    controllers = {
+        str(a) for a, c in zip(names.controller_addresses(case), case.controllers, strict=True) if kind_of(c).node
+    }
+    node_controls, supervisors = [], {str(address) for address in names.supervisor_addresses(case).values()}
     for node in names.replaceable(case):
-        if launched and node not in own:
-            found += [
+        if launched and node not in controllers:
+            node_controls += [
                 _button(f"nodes/{node}/{what}", f"{what} {node}", Request(LINE, "", f"{what} {node}"))
                 for what in ("kill", "restart")
             ]
-        if node not in own | supervisors:
-            found.append(_button(f"nodes/{node}/arm", f"arm {node}", Request(TRIGGER, f"{node}/arm")))
-    return found
+        if node not in controllers | supervisors:
+            node_controls.append(_button(f"nodes/{node}/arm", f"arm {node}", Request(TRIGGER, f"{node}/arm")))
+    return node_controls
 
 
 def _run() -> list[Control]:
-    found = [_button(f"run/{what}", what, Request(TRIGGER, f"{PLANT}/{what}")) for what in ("pause", "resume", "reset")]
+    run_controls = [
+        _button(f"run/{what}", what, Request(TRIGGER, f"{PLANT}/{what}")) for what in ("pause", "resume", "reset")
+    ]
     step = _shown("run/step", "step", "form", fields=[_number("ticks", "ticks", 1, 6000, 1)])
-    found.append(Control(step, lambda value, _: Request(STEP, f"{PLANT}/step", round(value["ticks"]))))
-    return [*found, _button("run/report", "report of what is recorded so far", Request(REPORT))]
+    run_controls.append(Control(step, lambda value, _: Request(STEP, f"{PLANT}/step", round(value["ticks"]))))
+    return [*run_controls, _button("run/report", "report of what is recorded so far", Request(REPORT))]
 
 
 def checked(control: Control, value: Any) -> tuple[str, Any]:
@@ -212,11 +224,11 @@ def checked(control: Control, value: Any) -> tuple[str, Any]:
             raise InputError(f"{control.id}: {_short(value)} given; allowed: true, false")
         return "", value
     if shown["kind"] == "slider":
-        given = value if isinstance(value, dict) else {"value": value}
-        _only(control.id, given, ("value", "channel"))
-        channel = given.get("channel", ALL)
+        request_fields = value if isinstance(value, dict) else {"value": value}
+        _only(control.id, request_fields, ("value", "channel"))
+        channel = request_fields.get("channel", ALL)
         _choose(f"{control.id}: channel", channel, shown["fields"][0]["choices"])
-        return str(channel), _within(control.id, given.get("value"), shown["low"], shown["high"])
+        return str(channel), _within(control.id, request_fields.get("value"), shown["low"], shown["high"])
     if shown["kind"] == "button":
         return "", None
     if not isinstance(value, dict):
@@ -239,8 +251,8 @@ def _choose(where: str, value: Any, choices: list[str]) -> None:
     check_known(where, value if isinstance(value, str) else _short(value), choices)
 
 
-def _only(where: str, given: Mapping[str, Any], allowed: Any) -> None:
-    for name in given:
+def _only(where: str, fields: Mapping[str, Any], allowed: Any) -> None:
+    for name in fields:
         if name not in allowed:
             raise InputError(f"{where}: field {_short(name)} given; allowed: {', '.join(allowed)}")
 

@@ -77,7 +77,7 @@ def frequency_weights(system: System) -> dict[str, dict[str, float]]:
         at.setdefault(bus, pmu)
     buses = [bus.name for bus in system.buses]
     series = [device_section(d, complex(at_rest(d))) for d in system.devices if isinstance(d, Series)]
-    series = [one for one in series if np.isfinite(one.admittance).all()]
+    series = [branch for branch in series if np.isfinite(branch.admittance).all()]
     row, column, value = admittance(
         {bus: i for i, bus in enumerate(buses)}, [*branches(system, Topology()), *series], []
     )
@@ -85,17 +85,17 @@ def frequency_weights(system: System) -> dict[str, dict[str, float]]:
     matrix[row, column] = value.imag
     matrix -= np.diag(matrix.sum(axis=1))  # susceptances between buses alone: shunts hold no frequency
     known = np.array([bus in at for bus in buses])
-    found = {bus: {at[bus]: 1.0} if bus in at else {} for bus in buses}
+    weights_by_bus = {bus: {at[bus]: 1.0} if bus in at else {} for bus in buses}
     unknown = np.flatnonzero(~known)
     if not len(unknown) or not known.any():
-        return found
+        return weights_by_bus
     # Least squares: where no path leads to a PMU the matrix is singular, and the weights come out as zero.
     weights = np.linalg.lstsq(matrix[np.ix_(unknown, unknown)], -matrix[np.ix_(unknown, known)], rcond=None)[0]
     measured = [at[bus] for bus in buses if bus in at]
     for row, u in zip(weights, unknown, strict=True):
         if abs(row.sum() - 1.0) < 1e-3:
-            found[buses[u]] = {p: float(w) for p, w in zip(measured, row, strict=True) if abs(w) > SMALL}
-    return found
+            weights_by_bus[buses[u]] = {p: float(w) for p, w in zip(measured, row, strict=True) if abs(w) > SMALL}
+    return weights_by_bus
 
 
 def panel(case: Case, name: str) -> Panel:
@@ -117,14 +117,14 @@ def panel(case: Case, name: str) -> Panel:
         _chart("rotor angle against the centre of inertia", "deg", angles.values()),
         _chart("active power", "MW", flows),
         *of_devices,
-        _chart("difference of frequencies", "mHz", [one.signal for one in modes]),
-        _chart("damping ratio of its mode", "%", [one.damping for one in modes], 0.0),
+        _chart("difference of frequencies", "mHz", [mode.signal for mode in modes]),
+        _chart("damping ratio of its mode", "%", [mode.damping for mode in modes], 0.0),
         *of_links,
     ]
     shown = {
         "name": name,
         "diagram": _diagram(case, frequencies, angles, powers, setpoints, latencies),
-        "curves": [{"label": one.label, "unit": one.unit, "group": one.group} for one in curves.all],
+        "curves": [{"label": curve.label, "unit": curve.unit, "group": curve.group} for curve in curves.all],
         "charts": [chart for chart in charts if chart["curves"]],
         "monitors": monitors,
         "nodes": [PLANT, *names.replaceable(case), RECORDER],
@@ -162,7 +162,7 @@ def _setpoints(case: Case, curves: _Curves) -> tuple[dict[str, int], list[dict[s
     """Setpoint in force of each device, and a chart of each: sent, passed on, delivered, applied."""
     by_name, charts, supervised = {}, [], names.supervisor_names(case)
     for name in case.run.devices:
-        own = []
+        indices = []
         for c, (node, controller) in enumerate(zip(names.controller_names(case), case.controllers, strict=True)):
             if name not in controller.devices:
                 continue
@@ -171,12 +171,12 @@ def _setpoints(case: Case, curves: _Curves) -> tuple[dict[str, int], list[dict[s
                 del ways["passed on"]
             if controller.fallback_of is not None:
                 ways = {"sent": "issued"}
-            label = f" by {node}" if sum(name in one.devices for one in case.controllers) > 1 else ""
+            label = f" by {node}" if sum(name in user.devices for user in case.controllers) > 1 else ""
             for what, column in ways.items():
-                own.append(curves.add(f"{what}{label}", "p.u.", "setpoint", {f"{column}.{node}.{name}_pu": 1.0}))
+                indices.append(curves.add(f"{what}{label}", "p.u.", "setpoint", {f"{column}.{node}.{name}_pu": 1.0}))
         by_name[name] = curves.add(f"{name} in force", "p.u.", "setpoint", {f"device.{name}.setpoint_pu": 1.0})
-        own.append(curves.add("applied", "p.u.", "setpoint", {f"device.{name}.reference_pu": 1.0}))
-        charts.append(_chart(f"setpoint of {name}", "p.u.", own, case.system.device(name).setpoint_max))
+        indices.append(curves.add("applied", "p.u.", "setpoint", {f"device.{name}.reference_pu": 1.0}))
+        charts.append(_chart(f"setpoint of {name}", "p.u.", indices, case.system.device(name).setpoint_max))
     return by_name, charts
 
 
@@ -185,10 +185,10 @@ def _latencies(case: Case, curves: _Curves) -> tuple[list[int], list[dict[str, A
     largest, charts = [], []
     for i, address in enumerate(names.link_addresses(case)):
         largest.append(curves.add(f"{address}", "ms", "latency", {f"latency.{i}": 1.0}))
-        rows = [(f"{one} to the controllers", f"up.{one}") for one in _pmus(case, i)]
-        rows += [(f"measurement to {one}", f"down.{one}") for one in _devices(case, i)]
-        own = [curves.add(label, "ms", "latency", {f"latency.{i}.{column}": 1.0}) for label, column in rows]
-        charts.append(_chart(f"latency of {address}", "ms", own))
+        rows = [(f"{pmu} to the controllers", f"up.{pmu}") for pmu in _pmus(case, i)]
+        rows += [(f"measurement to {device}", f"down.{device}") for device in _devices(case, i)]
+        indices = [curves.add(label, "ms", "latency", {f"latency.{i}.{column}": 1.0}) for label, column in rows]
+        charts.append(_chart(f"latency of {address}", "ms", indices))
     return largest, charts
 
 
@@ -211,20 +211,20 @@ def controller_pmus(case: Case, c: int) -> list[str]:
 
 def _modes(case: Case, curves: _Curves) -> list[Mode]:
     """Differences of frequencies between areas, else the local ones, in mHz, and the damping ratio of each in %."""
-    system, found = case.system, []
+    system, modes = case.system, []
     weights = measure_weights({"system": system.model_dump(by_alias=True)})
     for name in (system.measures.interarea or system.measures.local or list(weights))[:MEASURES]:
         parts = {f"pmu.{pmu}.frequency_hz": 1e3 * weight for pmu, weight in weights[name].items()}
         signal = curves.add(name, "mHz", "difference", parts, -system.frequency * sum(parts.values()))
-        found.append(Mode(name, signal, curves.add(name, "%", "damping", {})))
-    return found
+        modes.append(Mode(name, signal, curves.add(name, "%", "damping", {})))
+    return modes
 
 
 def _monitors(case: Case, curves: _Curves) -> list[dict[str, Any]]:
     """Monitors of each supervisor that have a consequence."""
     if case.supervision is None:
         return []
-    found, watched, controllers = [], watches(case.supervision), names.controller_names(case)
+    monitors, watched, controllers = [], watches(case.supervision), names.controller_names(case)
     for c in names.supervisor_names(case):
         for name, watch in watched.items():
             if watch.follows:
@@ -232,8 +232,8 @@ def _monitors(case: Case, curves: _Curves) -> list[dict[str, Any]]:
                 parts = {f"supervision.{controllers[c]}.{name}": 1.0}
                 curve = curves.add(name, row.unit, "monitor", parts)
                 more = {"name": name, "unit": row.unit, "limit": watch.limit, "description": row.description}
-                found.append({**more, "controller": controllers[c], "follows": watch.follows, "curve": curve})
-    return found
+                monitors.append({**more, "controller": controllers[c], "follows": watch.follows, "curve": curve})
+    return monitors
 
 
 def _diagram(
@@ -250,7 +250,7 @@ def _diagram(
     drawn += [("transformer", row) for row in system.transformers]
     drawn += [("hvdc", d) for d in system.devices if isinstance(d, Transmission)]
     controllers, links = names.controller_addresses(case), names.link_addresses(case)
-    acting = [c for c, one in enumerate(case.controllers) if one.fallback_of is None]
+    acting = [c for c, controller in enumerate(case.controllers) if controller.fallback_of is None]
     return {
         "buses": [
             {
@@ -284,16 +284,16 @@ def _diagram(
 
 def _device(system: System, device: Device, setpoint: int | None) -> dict[str, Any]:
     """A device: between two buses, or at one; `setpoint` None: not installed, drawn as a branch."""
-    found = {
+    drawn = {
         "name": device.name,
         "kind": device.kind,
         "outline": KINDS[device.kind].shown.outline,
         "setpoint": setpoint,
     }
     if isinstance(device, Series):
-        return found | {"from": device.ends[0], "to": device.ends[1]}
+        return drawn | {"from": device.ends[0], "to": device.ends[1]}
     if isinstance(device, Transmission):
-        return found | {"from": device.from_bus, "to": device.to_bus}
+        return drawn | {"from": device.from_bus, "to": device.to_bus}
     if isinstance(device, AtMachine):
-        return found | {"bus": next(m.bus for m in system.machines if m.name == device.machine)}
-    return found | {"bus": device.bus}
+        return drawn | {"bus": next(m.bus for m in system.machines if m.name == device.machine)}
+    return drawn | {"bus": device.bus}

@@ -70,10 +70,10 @@ def setpoint_columns(way: str, message: Any) -> Iterator[tuple[str, float]]:
 
 def up_columns(link: int, message: Any) -> Iterator[tuple[str, float]]:
     """Latencies of delivered frames, ms (PmuDataFrame)."""
-    found = [(entry.pmu, _since(entry.header.stamp, entry.arrival)) for entry in message.frames]
-    yield from ((f"latency.{link}.up.{pmu}", value) for pmu, value in found)
-    if found:
-        yield f"latency.{link}", max(value for _, value in found)
+    by_pmu = [(entry.pmu, _since(entry.header.stamp, entry.arrival)) for entry in message.frames]
+    yield from ((f"latency.{link}.up.{pmu}", value) for pmu, value in by_pmu)
+    if by_pmu:
+        yield f"latency.{link}", max(value for _, value in by_pmu)
 
 
 def down_columns(link: int, message: Any) -> Iterator[tuple[str, float]]:
@@ -95,22 +95,22 @@ def _since(first: Any, later: Any) -> float:
 
 def latencies(case: Case, record: Record) -> dict[str, NDArray[np.float64]]:
     """Latencies in ms at every tick, held from the newest entry: of each link (the largest of a tick), up, down."""
-    found: dict[str, NDArray[np.float64]] = {}
+    columns: dict[str, NDArray[np.float64]] = {}
     ticks, rows = record.ticks, record.delivered[record.delivered["arrival_ns"] < NEVER]
-    for (link, pmu), own in group_by(rows, "link", "pmu"):
-        value = (own["arrival_ns"] - own["measured_ns"]) / 1e6
-        found[f"latency.{link}.up.{record.pmus[pmu]}"] = _held(ticks, own["tick"], value)
-    for (link,), own in group_by(rows, "link"):
-        first = np.flatnonzero(np.diff(own["tick"], prepend=-1))
-        value = np.maximum.reduceat((own["arrival_ns"] - own["measured_ns"]) / 1e6, first)
-        found[f"latency.{link}"] = _held(ticks, own["tick"][first], value)
+    for (link, pmu), entries in group_by(rows, "link", "pmu"):
+        value = (entries["arrival_ns"] - entries["measured_ns"]) / 1e6
+        columns[f"latency.{link}.up.{record.pmus[pmu]}"] = _held(ticks, entries["tick"], value)
+    for (link,), entries in group_by(rows, "link"):
+        first = np.flatnonzero(np.diff(entries["tick"], prepend=-1))
+        value = np.maximum.reduceat((entries["arrival_ns"] - entries["measured_ns"]) / 1e6, first)
+        columns[f"latency.{link}"] = _held(ticks, entries["tick"][first], value)
     used = {name: case.used_links[c] for c, name in enumerate(controller_names(case))}
-    for (c, device), own in group_by(record.applied, "controller", "device"):
+    for (c, device), setpoints in group_by(record.applied, "controller", "device"):
         name = record.controller_names[c]
         if name in used:
-            value = (own["effective_ns"] - own["measured_ns"]) / 1e6
-            found[f"latency.{used[name]}.down.{record.device_names[device]}"] = _held(ticks, own["tick"], value)
-    return found
+            value = (setpoints["effective_ns"] - setpoints["measured_ns"]) / 1e6
+            columns[f"latency.{used[name]}.down.{record.device_names[device]}"] = _held(ticks, setpoints["tick"], value)
+    return columns
 
 
 def _held(ticks: NDArray[np.int64], at: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -139,13 +139,13 @@ def _dampings(
     time_s: NDArray[np.float64], signal: NDArray[np.float64], events: Sequence[float], frequency: float
 ) -> NDArray[np.float64]:
     """Damping ratio in % as it would have been estimated at each full second."""
-    found = np.full(len(time_s), np.nan)
+    ratios = np.full(len(time_s), np.nan)
     for second in range(int(time_s[0]) + 1, int(time_s[-1]) + 1):
         until = int(np.searchsorted(time_s, second, side="right"))
         last = max((at for at in events if at <= second), default=-math.inf)
         mode = estimate(time_s[:until], signal[:until], last, frequency)
-        found[until - 1 : until - 1 + RATE] = math.nan if mode is None else 100.0 * mode["damping_ratio"]
-    return found
+        ratios[until - 1 : until - 1 + RATE] = math.nan if mode is None else 100.0 * mode["damping_ratio"]
+    return ratios
 
 
 def estimate(
@@ -156,11 +156,11 @@ def estimate(
     `time_s`, `signal`: (samples,), newest last; `event_s`: the last event, s. Frequency in Hz, damping ratio and
     standard error. None: nothing oscillates, too short, or too uncertain.
     """
-    kept = (time_s > time_s[-1] - WINDOW_S) & np.isfinite(signal)
-    if np.count_nonzero(kept) < 3 * RATE:
+    recent = (time_s > time_s[-1] - WINDOW_S) & np.isfinite(signal)
+    if np.count_nonzero(recent) < 3 * RATE:
         return None
-    grid = np.arange(time_s[kept][0], time_s[kept][-1], 1.0 / RATE)  # the newest messages come at uneven times
-    x = np.interp(grid, time_s[kept], signal[kept]) / (1e3 * frequency)
+    grid = np.arange(time_s[recent][0], time_s[recent][-1], 1.0 / RATE)  # the newest messages come at uneven times
+    x = np.interp(grid, time_s[recent], signal[recent]) / (1e3 * frequency)
     fit = fit_ringdown(grid, x, max(event_s, float(grid[0]) - 1.0))
     for mode in fit.modes if fit is not None else ():
         if INTERAREA[0] <= mode.frequency_hz <= INTERAREA[1] and mode.damping_ratio_error < UNSURE:
@@ -190,8 +190,8 @@ class Live:
         """The values as the page gets them: Float32 time, lag, curves."""
         values = self._sums.of(self._columns[None])[0]
         for mode in self._panel.modes:
-            found = self.modes.get(mode.label)
-            values[mode.damping] = math.nan if found is None else 100.0 * found["damping_ratio"]
+            mode_now = self.modes.get(mode.label)
+            values[mode.damping] = math.nan if mode_now is None else 100.0 * mode_now["damping_ratio"]
         if self._signals and time_s <= self._signals[-1][0]:
             self._signals.clear()  # another run has begun
         self._signals.append((time_s, *(values[mode.signal] for mode in self._panel.modes)))
@@ -210,5 +210,5 @@ def estimates(
     if len(history) < 2:
         return {}
     time_s = history[:, 0]
-    found = {mode.label: estimate(time_s, history[:, 1 + i], event_s, frequency) for i, mode in enumerate(modes)}
-    return {label: mode for label, mode in found.items() if mode is not None}
+    by_label = {mode.label: estimate(time_s, history[:, 1 + i], event_s, frequency) for i, mode in enumerate(modes)}
+    return {label: mode for label, mode in by_label.items() if mode is not None}

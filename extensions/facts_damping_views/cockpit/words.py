@@ -20,8 +20,8 @@ LONGEST = 160  # characters of a value
 
 def event(t: float, text: str, level: str = "info", kind: str = "", element: str = "") -> dict[str, Any]:
     """An event as the page gets it; one that switches a branch has its name (all: empty), and whether it is out."""
-    found = {"type": "event", "t": round(float(t), 3), "level": level, "text": text}
-    return found | ({"branch": element, "out": SWITCHES[kind]} if kind in SWITCHES else {})
+    content = {"type": "event", "t": round(float(t), 3), "level": level, "text": text}
+    return content | ({"branch": element, "out": SWITCHES[kind]} if kind in SWITCHES else {})
 
 
 def grid_event(kind: str, element: str, value: float) -> str:
@@ -52,17 +52,27 @@ def supervisor(controller: str, state: str, cause: str) -> str:
 
 def of_record(record: Record) -> list[dict[str, Any]]:
     """All events of a record, by time."""
-    found = [
-        event(one.time_ns / NANOSECONDS, grid_event(one.kind, one.element, one.value), "warn", one.kind, one.element)
-        for one in record.events
+    events = [
+        event(
+            grid_change.time_ns / NANOSECONDS,
+            grid_event(grid_change.kind, grid_change.element, grid_change.value),
+            "warn",
+            grid_change.kind,
+            grid_change.element,
+        )
+        for grid_change in record.events
     ]
-    found += [
-        event(one.tick / record.frame_rate, change(one.node, one.kind, one.name, one.value), kind=one.kind)
-        for one in record.changes
+    events += [
+        event(
+            run_change.tick / record.frame_rate,
+            change(run_change.node, run_change.kind, run_change.name, run_change.value),
+            kind=run_change.kind,
+        )
+        for run_change in record.changes
     ]
-    for (c,), own in group_by(record.supervision, "controller"):
-        for row in own[np.flatnonzero(np.diff(own["state"], prepend=-1))]:
+    for (c,), statuses in group_by(record.supervision, "controller"):
+        for row in statuses[np.flatnonzero(np.diff(statuses["state"], prepend=-1))]:
             state = STATES[int(row["state"])]
             text = supervisor(record.controller_names[c], state, cause_name(int(row["cause"])))
-            found.append(event(row["tick"] / record.frame_rate, text, LEVELS.get(state, "info")))
-    return sorted(found, key=lambda one: float(one["t"]))
+            events.append(event(row["tick"] / record.frame_rate, text, LEVELS.get(state, "info")))
+    return sorted(events, key=lambda listed_event: float(listed_event["t"]))

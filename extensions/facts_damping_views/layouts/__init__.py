@@ -16,5 +16,5 @@ __all__ = ["layouts"]
 
 def layouts(case: Case, namespace: str = "/") -> dict[str, str]:
     """Text of each layout file by its name; `namespace`: of the graph."""
-    found = tabs(case, namespace)
-    return {"foxglove.json": foxglove_layout(found), "plotjuggler.xml": plotjuggler_layout(found)}
+    all_tabs = tabs(case, namespace)
+    return {"foxglove.json": foxglove_layout(all_tabs), "plotjuggler.xml": plotjuggler_layout(all_tabs)}

@@ -46,11 +46,17 @@ def path(curve: Curve) -> str:
 
 
 def _settings(panel: Panel) -> dict[str, Any]:
-    one = panel.curves[0]
+    first_curve = panel.curves[0]
     if panel.kind == DIAGNOSTICS:
-        return {"topicToRender": one.topic, "minLevel": 0, "pinnedIds": [], "hardwareIdFilter": "", "sortByLevel": True}
+        return {
+            "topicToRender": first_curve.topic,
+            "minLevel": 0,
+            "pinnedIds": [],
+            "hardwareIdFilter": "",
+            "sortByLevel": True,
+        }
     if panel.kind in (TABLE, MESSAGE):
-        return {"topicPath": path(one)}
+        return {"topicPath": path(first_curve)}
     paths = [
         {"value": path(curve), "label": curve.label, "enabled": True, "timestampMethod": "receiveTime"}
         for curve in panel.curves

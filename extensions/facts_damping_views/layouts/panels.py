@@ -55,16 +55,16 @@ def tabs(case: Case, namespace: str = "/") -> list[Tab]:
         return f"{namespace.rstrip('/')}/{topic}"
 
     controllers, identifiers = case_names.controller_addresses(case), case_names.identifier_addresses(case)
-    found = [_grid(case, full), _devices(case, full)]
-    found += [_controller(case, c, full(str(address))) for c, address in enumerate(controllers)]
-    found += [_identifier(case, c, full(str(address))) for c, address in identifiers.items()]
+    all_tabs = [_grid(case, full), _devices(case, full)]
+    all_tabs += [_controller(case, c, full(str(address))) for c, address in enumerate(controllers)]
+    all_tabs += [_identifier(case, c, full(str(address))) for c, address in identifiers.items()]
     for c, address in case_names.supervisor_addresses(case).items():
         senders = {who: full(topic) for who, topic in _senders(case, c).items()}
-        found += _supervisor(case, c, full(str(address)), senders)
-    found += [_link(case, full(link.namespace).rstrip("/"), str(link)) for link in case_names.link_addresses(case)]
+        all_tabs += _supervisor(case, c, full(str(address)), senders)
+    all_tabs += [_link(case, full(link.namespace).rstrip("/"), str(link)) for link in case_names.link_addresses(case)]
     health = Panel("deadline misses", [Curve("/diagnostics", DEADLINE_MISSES, full("plant_sim").lstrip("/"))])
-    found.append(Tab("health", [Panel("diagnostics", [Curve("/diagnostics", "", "")], DIAGNOSTICS), health]))
-    return [Tab(tab.title, [panel for panel in tab.panels if panel.curves]) for tab in found if tab.panels]
+    all_tabs.append(Tab("health", [Panel("diagnostics", [Curve("/diagnostics", "", "")], DIAGNOSTICS), health]))
+    return [Tab(tab.title, [panel for panel in tab.panels if panel.curves]) for tab in all_tabs if tab.panels]
 
 
 def _each(topic: str, path: str, labels: Sequence[str]) -> list[Curve]:
@@ -184,12 +184,15 @@ def _supervisor(case: Case, c: int, here: str, senders: dict[str, str]) -> list[
         curves = [Curve(sender, path, who) for who, sender in senders.items()]
         panels.append(Panel(f"{device}: setpoints, p.u.", curves))
     watched = watches(case.supervision or Supervision())
-    found: dict[str, list[Panel]] = {row.group: [] for row in MONITORS.values()}
+    by_group: dict[str, list[Panel]] = {row.group: [] for row in MONITORS.values()}
     for i, (monitor, row) in enumerate(MONITORS.items()):
         if watched[monitor].follows:
             pair = [Curve(topic, f"values[{i}]", monitor), Curve(topic, f"limits[{i}]", f"{monitor}: limit")]
-            found[row.group].append(Panel(f"{monitor}, {row.unit}", pair))
-    return [Tab(name, panels), *(Tab(f"{name}: {group}", own) for group, own in found.items())]
+            by_group[row.group].append(Panel(f"{monitor}, {row.unit}", pair))
+    return [
+        Tab(name, panels),
+        *(Tab(f"{name}: {group}", panels_of_group) for group, panels_of_group in by_group.items()),
+    ]
 
 
 def _learning(topic: str, outputs: Sequence[str], parts: Sequence[str]) -> list[Panel]:
@@ -214,7 +217,9 @@ def _link(case: Case, here: str, name: str) -> Tab:
         labels = {way: [f"{way} {name}" for name in names] for way, names in channels.items()}
         return [curve for way, each in labels.items() for curve in _each(topic, f"{way}[#].{field}", each)]
 
-    speeds = [Curve(f"{here}/pmu/delivered", f'frames[:]{{pmu=="{one}"}}.{turning}', one) for one in machines]
+    speeds = [
+        Curve(f"{here}/pmu/delivered", f'frames[:]{{pmu=="{machine}"}}.{turning}', machine) for machine in machines
+    ]
     return Tab(
         name,
         [

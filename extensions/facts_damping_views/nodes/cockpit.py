@@ -85,7 +85,7 @@ class Services:
                 waiting[2] = waiting[0].call_async(waiting[1])
         for _ in self._waiting:
             self._executor.spin_once(timeout_sec=0)
-        kept = []
+        still_waiting = []
         for waiting in self._waiting:
             client, _, future, deadline, answer = waiting
             if future is not None and future.done():
@@ -96,8 +96,8 @@ class Services:
                     client.remove_pending_request(future)
                 answer(False, f"no answer from {client.srv_name} within {ANSWER_S:g} s")
             else:
-                kept.append(waiting)
-        self._waiting = kept
+                still_waiting.append(waiting)
+        self._waiting = still_waiting
 
     def close(self) -> None:
         """Release the node of the calls."""
@@ -299,8 +299,8 @@ class Cockpit:
                         self.thread.soon(self.cockpit.status, self.status())
                         if estimating.done():
                             self.values.modes = estimating.result()
-                            given = self.values.history(), self.panel.modes, self.event_s, self.panel.frequency
-                            estimating = beside.submit(samples.estimates, *given)
+                            arguments = self.values.history(), self.panel.modes, self.event_s, self.panel.frequency
+                            estimating = beside.submit(samples.estimates, *arguments)
                     due = max(due + PERIOD_S, clock.monotonic())
                     clock.sleep(max(0.0, due - clock.monotonic()))
             finally:

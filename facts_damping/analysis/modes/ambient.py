@@ -57,9 +57,9 @@ def fit_ambient(time_s: NDArray[np.float64], signals: NDArray[np.float64], since
     variance; `phase_rad` is relative to the signal in which the mode is largest; `snr_db` compares the covariances with
     the model's residual. None if less than a minute is left, a value is not finite, or nothing moves.
     """
-    kept = time_s >= since
-    x = np.reshape(signals, (len(time_s), -1))[kept]
-    if len(x) < 2 or np.ptp(time_s[kept]) < MINIMUM - 1.0 or not np.isfinite(x).all():
+    inside = time_s >= since
+    x = np.reshape(signals, (len(time_s), -1))[inside]
+    if len(x) < 2 or np.ptp(time_s[inside]) < MINIMUM - 1.0 or not np.isfinite(x).all():
         return None
     step = float(np.median(np.diff(time_s)))
     x, block = block_means(x, step)
@@ -77,15 +77,15 @@ def fit_ambient(time_s: NDArray[np.float64], signals: NDArray[np.float64], since
                 break
         else:
             del fits[1:]
-    found = fits[-1]
-    return found._replace(modes=[m for m in found.modes if not _unsure(m)], start_s=float(time_s[kept][0]))
+    fit = fits[-1]
+    return fit._replace(modes=[m for m in fit.modes if not _unsure(m)], start_s=float(time_s[inside][0]))
 
 
 def _fit(R: NDArray[np.float64], order: int, size: NDArray[np.float64], dt: float, block: int) -> Fit:
     """Modes of a model of given order from the covariances of blocks, including uncertain ones."""
     whole = R.mean(axis=0)
     model = _identify(whole, order)
-    less = [_identify(whole + LESS * (whole - one) / (BLOCKS - 1), order).z for one in R]
+    less = [_identify(whole + LESS * (whole - block_covariance) / (BLOCKS - 1), order).z for block_covariance in R]
     left = whole - _covariances_of(model, len(whole))
     snr = 10 * np.log10(np.sum(whole**2) / max(np.sum(left**2), np.finfo(float).tiny))
     return Fit(_modes(model, less, size, dt, block), order, 0.0, float(snr))
@@ -113,8 +113,8 @@ def _identify(R: NDArray[np.float64], order: int) -> _Poles:
     scale = np.sqrt(s[:order])
     rows, columns = u[:, :order] * scale, scale[:, np.newaxis] * v[:order]
     A = np.linalg.lstsq(rows[:-n], rows[n:], rcond=None)[0]
-    z, own = np.linalg.eig(A)
-    return _Poles(z.astype(np.complex128), rows[:n] @ own, np.linalg.solve(own, columns[:, :n]))
+    z, eigenvectors = np.linalg.eig(A)
+    return _Poles(z.astype(np.complex128), rows[:n] @ eigenvectors, np.linalg.solve(eigenvectors, columns[:, :n]))
 
 
 def _covariances_of(model: _Poles, lags: int) -> NDArray[np.float64]:
@@ -128,7 +128,7 @@ def _modes(
 ) -> list[RingdownMode]:
     """Modes within the band that are not negligible, the strongest first."""
     s = np.log(model.z) / dt
-    found = []
+    modes = []
     for i in np.flatnonzero((s.imag >= 2 * np.pi * BAND[0]) & (s.imag <= 2 * np.pi * BAND[1])):
         variance = 2 * np.abs(model.shape[:, i] * model.fraction[i] * model.z[i] ** -FIRST_LAG)  # with its conjugate
         energy, (frequency, ratio) = float(variance.mean()), figures(s[i])
@@ -141,5 +141,5 @@ def _modes(
         shape = model.shape[:, i] * size
         phase = np.angle(shape / shape[np.argmax(np.abs(shape))])
         estimates = frequency, ratio, energy, frequency_error, ratio_error
-        found.append(RingdownMode(*estimates, tuple(amplitude.tolist()), tuple(phase.tolist())))
-    return sorted(found, key=lambda mode: -mode.energy)
+        modes.append(RingdownMode(*estimates, tuple(amplitude.tolist()), tuple(phase.tolist())))
+    return sorted(modes, key=lambda mode: -mode.energy)

@@ -41,9 +41,9 @@ def fit_waves(z: NDArray[np.complex128], signals: NDArray[np.float64], dt: float
     swings = np.asarray(z[z.imag >= 0].imag > 0)
     line = np.column_stack([np.ones_like(time), np.linspace(-1, 1, len(time))])
     q, triangle = np.linalg.qr(np.column_stack([waves.real, waves.imag[:, swings], line]))
-    found = np.linalg.lstsq(triangle, q.T @ signals, rcond=None)[0]
-    a = found[: len(s)].astype(np.complex128)
-    a[swings] -= 1j * found[len(s) : len(s) + int(swings.sum())]
+    coefficients = np.linalg.lstsq(triangle, q.T @ signals, rcond=None)[0]
+    a = coefficients[: len(s)].astype(np.complex128)
+    a[swings] -= 1j * coefficients[len(s) : len(s) + int(swings.sum())]
     moved = (time[:, np.newaxis] * waves) * a.T[:, np.newaxis, :]
     slopes = np.concatenate([moved.real, -moved.imag[..., swings]], axis=2)
     slopes -= q @ (q.T @ slopes)
@@ -89,11 +89,11 @@ def errors(waves: Waves) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     covariance = inverse @ _normal(weights[:, np.newaxis, np.newaxis] * waves.slopes) @ inverse
     for place, i in enumerate(np.flatnonzero(waves.swings)):
         both = np.array([i, len(waves.s) + place])
-        own = covariance[np.ix_(both, both)]
+        pair_covariance = covariance[np.ix_(both, both)]
         sigma, omega = waves.s[i].real, waves.s[i].imag
         slope = np.array([-(omega**2), sigma * omega]) / abs(waves.s[i]) ** 3  # d(damping ratio)/d(sigma, omega)
-        frequency[i] = np.sqrt(own[1, 1]) / (2 * np.pi)
-        ratio[i] = np.sqrt(slope @ own @ slope)
+        frequency[i] = np.sqrt(pair_covariance[1, 1]) / (2 * np.pi)
+        ratio[i] = np.sqrt(slope @ pair_covariance @ slope)
     return frequency, ratio
 
 

@@ -66,8 +66,8 @@ def settling_time(time_s: NDArray[np.float64], signals: NDArray[np.float64], sin
     any signal from its final value after `since`. None if a signal leaves the band within the last 2 s, because an
     oscillation crosses the band repeatedly. 0 without any oscillation.
     """
-    kept = time_s >= min(since, time_s[-1])
-    t, x = time_s[kept], np.reshape(signals, (len(time_s), -1))[kept]
+    inside = time_s >= min(since, time_s[-1])
+    t, x = time_s[inside], np.reshape(signals, (len(time_s), -1))[inside]
     final = x[t >= t[-1] - min(WINDOW, (t[-1] - t[0]) / 2)].mean(axis=0)
     deviation = np.abs(x - final).max(axis=1)
     peak = deviation.max()
@@ -88,9 +88,9 @@ def envelope(
     2`, so neither drift nor offset counts as oscillation. For a wave of at least one and a half periods this is the
     amplitude for any phase; the phases at the ends would tilt a least-squares line.
     """
-    kept = (time_s >= start) & (time_s <= end)
-    t = time_s[kept] - (start + end) / 2
-    return np.array([_half_strip(t, x) for x in signals[kept].T])
+    inside = (time_s >= start) & (time_s <= end)
+    t = time_s[inside] - (start + end) / 2
+    return np.array([_half_strip(t, x) for x in signals[inside].T])
 
 
 def _half_strip(t: NDArray[np.float64], x: NDArray[np.float64]) -> float:

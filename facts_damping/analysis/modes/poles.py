@@ -71,8 +71,8 @@ def prony_poles(signals: NDArray[np.float64], right: NDArray[np.float64], order:
     needed = np.sum(np.abs(inverse @ signals) ** 2, axis=1) / np.sum(np.abs(inverse) ** 2, axis=1)
     floor = np.sort(needed)[::-1][min(order, len(needed)) - 1]
     # The roots of a conjugate pair rank equally but for round-off: if the limit would split a pair, both stay.
-    kept = np.asarray(roots[needed >= 0.99 * floor], np.complex128)
-    return improved(kept, signals)
+    needed_roots = np.asarray(roots[needed >= 0.99 * floor], np.complex128)
+    return improved(needed_roots, signals)
 
 
 def era_poles(signals: NDArray[np.float64], order: int) -> NDArray[np.complex128]:

@@ -63,11 +63,11 @@ def fit_ringdown(
     less than 3 s are left, a value is not finite, or nothing oscillates. Raises InputError for an unknown method.
     """
     check_known("method", method, METHODS)
-    kept = (time_s >= since + SKIP) & (time_s < since + SKIP + LONGEST)
-    x = np.reshape(signals, (len(time_s), -1))[kept]
-    if len(x) < 2 or time_s[kept][-1] - time_s[kept][0] < 3.0 or not np.isfinite(x).all():
+    inside = (time_s >= since + SKIP) & (time_s < since + SKIP + LONGEST)
+    x = np.reshape(signals, (len(time_s), -1))[inside]
+    if len(x) < 2 or time_s[inside][-1] - time_s[inside][0] < 3.0 or not np.isfinite(x).all():
         return None
-    t, step = time_s[kept], float(np.median(np.diff(time_s)))
+    t, step = time_s[inside], float(np.median(np.diff(time_s)))
     x, block = block_means(x, step)
     dt = block * step
     x = without_line(x)
@@ -95,15 +95,15 @@ def _choose(x: NDArray[np.float64], dt: float, method: str) -> tuple[NDArray[np.
     """All poles of the method, with the order it needs, and those that are significant modes: pole, energy."""
     right, order = pencil(x)
     z = METHODS[method](x, right, order)
-    found, _ = _strong(x, dt, z)
-    while order > 2 and _crowded(found, dt, len(x) * dt):
+    modes, _ = _strong(x, dt, z)
+    while order > 2 and _crowded(modes, dt, len(x) * dt):
         order -= 2
         fewer_z = METHODS[method](x, right, order)
         fewer, rest = _strong(x, dt, fewer_z)
         if rest > MISFIT:
             break  # two close modes are real
-        z, found = fewer_z, fewer
-    return within(z, len(x)), found
+        z, modes = fewer_z, fewer
+    return within(z, len(x)), modes
 
 
 def _strong(x: NDArray[np.float64], dt: float, z: NDArray[np.complex128]) -> tuple[dict[complex, float], float]:
@@ -119,8 +119,8 @@ def _strong(x: NDArray[np.float64], dt: float, z: NDArray[np.complex128]) -> tup
     omega = np.log(z).imag / dt
     inside = (2 * np.pi * BAND[0] <= omega) & (omega <= 2 * np.pi * BAND[1])
     floor = ENERGY * energies[inside].sum()
-    found = {complex(z[i]): float(energies[i]) for i in np.flatnonzero(inside) if energies[i] >= floor}
-    return dict(sorted(found.items(), key=lambda item: item[1], reverse=True)), rest
+    modes = {complex(z[i]): float(energies[i]) for i in np.flatnonzero(inside) if energies[i] >= floor}
+    return dict(sorted(modes.items(), key=lambda item: item[1], reverse=True)), rest
 
 
 def _crowded(poles: Iterable[complex], dt: float, duration: float) -> bool:

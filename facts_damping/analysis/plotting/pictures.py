@@ -91,22 +91,22 @@ def shown(picture: Picture, panels: Sequence[dict[str, Panel]]) -> list[str]:
 
     If a record has many curves in shared axes, only those with the largest changes in any of the records.
     """
-    names = dict.fromkeys(name for one in panels for name in one)
-    found = [name for name in names if any(name in one and moves(picture, one[name]) for one in panels)]
-    if not picture.together or len(found) <= MANY:
-        return found
+    names = dict.fromkeys(name for by_name in panels for name in by_name)
+    moving = [name for name in names if any(name in by_name and moves(picture, by_name[name]) for by_name in panels)]
+    if not picture.together or len(moving) <= MANY:
+        return moving
 
     def span(name: str) -> float:
-        curves = [curve.values for one in panels if name in one for curve in one[name].curves.values()]
+        curves = [curve.values for by_name in panels if name in by_name for curve in by_name[name].curves.values()]
         return max(float(np.ptp(values[np.isfinite(values)])) for values in curves if np.isfinite(values).any())
 
-    maximum = set(sorted(found, key=lambda name: -span(name))[:LARGEST])
-    return [name for name in found if name in maximum]
+    maximum = set(sorted(moving, key=lambda name: -span(name))[:LARGEST])
+    return [name for name in moving if name in maximum]
 
 
 def title_of(picture: Picture, panels: Sequence[dict[str, Panel]], names: Sequence[str]) -> str:
     """The title, with the number of curves if `names`, the ones shown, are not all."""
-    there = {name for one in panels for name in one}
+    there = {name for by_name in panels for name in by_name}
     cut = picture.together and len(names) == LARGEST and len(there) > MANY
     return f"{picture.title}: the {LARGEST} largest of {len(there)}" if cut else picture.title
 
@@ -162,30 +162,30 @@ def _indices(record: Record) -> list[Panel]:
 
 def _jacobians(record: Record) -> list[Panel]:
     return [
-        Panel(f"{controller}\nsignal {signal}, {device}", {"": Curve(one.values, one.time_s, steps=True)})
-        for (controller, signal, device), one in jacobian_histories(record).items()
+        Panel(f"{controller}\nsignal {signal}, {device}", {"": Curve(history.values, history.time_s, steps=True)})
+        for (controller, signal, device), history in jacobian_histories(record).items()
     ]
 
 
 def _learning_rates(record: Record) -> list[Panel]:
     panels: dict[str, dict[str, Curve]] = {}
-    for (controller, identifier, output, group), one in learning_rate_histories(record).items():
+    for (controller, identifier, output, group), history in learning_rate_histories(record).items():
         name = f"{controller}{' identifier' * identifier}\noutput {output}"
-        rates = np.where(one.values > 0, one.values, np.nan)  # 0 before the first step
-        panels.setdefault(name, {})[f"group {group}" if group else ""] = Curve(rates, one.time_s, steps=True)
+        rates = np.where(history.values > 0, history.values, np.nan)  # 0 before the first step
+        panels.setdefault(name, {})[f"group {group}" if group else ""] = Curve(rates, history.time_s, steps=True)
     return [Panel(name, curves) for name, curves in panels.items()]
 
 
 def _latencies(record: Record) -> list[Panel]:
-    found: list[Panel] = []
+    panels: list[Panel] = []
     for hop, parts in hops_ms(record).items():
         curves = {}
         for name, values in parts.items():
             x, fraction = cdf(values)
             curves[name] = Curve(np.append(0.0, fraction), np.append(x[0], x), steps=True)
         delayed = any(curve.x is not None and np.any(curve.x > 0.0) for curve in curves.values())
-        found += [Panel(HOPS[hop], curves)] if delayed else []
-    return found
+        panels += [Panel(HOPS[hop], curves)] if delayed else []
+    return panels
 
 
 def _states(record: Record) -> list[Panel]:

@@ -79,20 +79,20 @@ def figure(names: Sequence[str], records: Sequence[tuple[str, Record]]) -> Figur
             return [Panel(f"{name} [{record.units[name]}]", {"": Curve(record.arrays[name])}) for name in names]
 
         picture, reason = Picture("columns", "", "", panels, together=False), "no name given; allowed: at least one"
-    found = _figure(picture, records, still=True)
-    if found is None:
+    drawn = _figure(picture, records, still=True)
+    if drawn is None:
         raise InputError(f"plot: {reason}")
-    return found
+    return drawn
 
 
 def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: bool = False) -> Figure | None:
     """One picture; None if no record has data for it. `still`: include curves that never change."""
     groups: dict[str, list[Plotted]] = {}
     for name, record in records:
-        found = {panel.name: panel for panel in picture.panels(record)}
-        groups.setdefault(name, []).append(Plotted(record, found))
+        of_record = {panel.name: panel for panel in picture.panels(record)}
+        groups.setdefault(name, []).append(Plotted(record, of_record))
     panels = [plotted.panels for group in groups.values() for plotted in group]
-    names = list(dict.fromkeys(name for one in panels for name in one)) if still else shown(picture, panels)
+    names = list(dict.fromkeys(name for panels_of in panels for name in panels_of)) if still else shown(picture, panels)
     if not names:
         return None
     single = len(records) == 1
@@ -128,14 +128,14 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: b
 def _draw(axes: Axes, alike: Sequence[Plotted], name: str, label: str, place: int, *, named: bool) -> None:
     """The curves of one panel of records with the same name; if named and among others, all in one colour."""
     for i, (curve_name, first) in enumerate(alike[0].panels[name].curves.items() if alike else ()):
-        curves = [one.panels[name].curves[curve_name] for one in alike if curve_name in one.panels[name].curves]
+        curves = [plot.panels[name].curves[curve_name] for plot in alike if curve_name in plot.panels[name].curves]
         colour = COLOURS[(place if named else place + i) % len(COLOURS)]
         for x, values in _lines(axes, alike[0].record, curves, colour):
             axes.plot(
                 x, values, color=colour, linewidth=1.2, drawstyle="steps-post" if first.steps else "default",
                 label=label or curve_name or None,
             )  # fmt: skip
-    for record, panel in ((one.record, one.panels[name]) for one in alike):
+    for record, panel in ((plot.record, plot.panels[name]) for plot in alike):
         if panel.dashed is not None:
             axes.plot(record.time_s, panel.dashed, color="0.1", linewidth=0.6, linestyle="--", label=SETPOINT)
         for limit in panel.limits if _near(panel) else ():
@@ -156,7 +156,7 @@ def _lines(
         values = np.stack([curve.values for curve in curves])
         axes.fill_between(record.time_s, values.min(axis=0), values.max(axis=0), color=colour, alpha=0.25, linewidth=0)
         return [(record.time_s, np.asarray(np.median(values, axis=0)))]
-    return [(record.time_s[: len(one.values)] if one.x is None else one.x, one.values) for one in curves]
+    return [(record.time_s[: len(curve.values)] if curve.x is None else curve.x, curve.values) for curve in curves]
 
 
 def _near(panel: Panel) -> bool:
@@ -177,7 +177,7 @@ def _name_regions(axes: Axes, regions: Regions | None) -> None:
             axes.text(middle, height, name, transform=where, fontsize="x-small", color="0.35", ha="center")
 
 
-def _add_legend(figure: Figure, grid: Sequence[Axes]) -> None:
+def _add_legend(canvas: Figure, grid: Sequence[Axes]) -> None:
     """Add one legend outside of all axes, each label once."""
     entries: dict[str, Artist] = {}
     for axes in grid:
@@ -185,7 +185,7 @@ def _add_legend(figure: Figure, grid: Sequence[Axes]) -> None:
         entries = dict(zip(labels, handles, strict=True)) | entries
     ordered = sorted(entries, key=(SETPOINT, LIMIT, CLIFF).__contains__)
     columns = max(1, min(len(entries), 5))
-    figure.legend(
+    canvas.legend(
         [entries[label] for label in ordered], ordered, loc="outside upper right", ncols=columns, fontsize="small",
         frameon=False,
     )  # fmt: skip
@@ -193,8 +193,8 @@ def _add_legend(figure: Figure, grid: Sequence[Axes]) -> None:
 
 def _span(records: Sequence[Record]) -> tuple[float, float]:
     """First and last time of all records, s, the last frame included."""
-    first, last = min(one.time_s[0] for one in records), max(one.time_s[-1] for one in records)
-    frame = max(float(np.median(np.diff(one.time_s))) if len(one.time_ns) > 1 else 1e-3 for one in records)
+    first, last = min(record.time_s[0] for record in records), max(record.time_s[-1] for record in records)
+    frame = max(float(np.median(np.diff(record.time_s))) if len(record.time_ns) > 1 else 1e-3 for record in records)
     return float(first), float(last) + frame
 
 

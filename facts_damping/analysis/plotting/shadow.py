@@ -42,13 +42,13 @@ def plot(
     """Setpoints of each device as recorded and as replayed, p.u., with limits and their difference; a PNG file."""
     figure = Figure(figsize=(WIDTH, MARGIN + 2 * PANEL_HEIGHT * max(len(pairs), 1)), layout="constrained")
     grid = figure.subplots(2 * len(pairs), 1, sharex=True, squeeze=False)[:, 0]
-    for row, (device, (one, other)) in enumerate(pairs.items()):
+    for row, (device, (recorded, other)) in enumerate(pairs.items()):
         both, apart = grid[2 * row], grid[2 * row + 1]
-        both.step(time_s, one, where="post", color=COLOURS[0], linewidth=1.2, label=f"recorded: {labels[0]}")
+        both.step(time_s, recorded, where="post", color=COLOURS[0], linewidth=1.2, label=f"recorded: {labels[0]}")
         both.step(time_s, other, where="post", color=COLOURS[1], linewidth=1.0, label=f"replayed: {labels[1]}")
         for limit in (-limits[device], limits[device]):
             both.axhline(limit, color="#B00020", linewidth=0.8, linestyle=":")
-        apart.step(time_s, other - one, where="post", color=COLOURS[2], linewidth=1.0)
+        apart.step(time_s, other - recorded, where="post", color=COLOURS[2], linewidth=1.0)
         both.set_ylabel(f"{device}\nsetpoint [p.u.]")
         apart.set_ylabel("replayed - recorded\n[p.u.]")
         for axes in (both, apart):

@@ -90,19 +90,19 @@ def plot_distribution(
     `unit`: of the signal; `band`: Hz, what is shown; `modes`: Hz, known frequencies, dashed lines; `record`: whose
     events are marked.
     """
-    made, t, z = analysed.distribution, analysed.time_s, np.abs(analysed.z)
+    W, t, z = analysed.distribution, analysed.time_s, np.abs(analysed.z)
     places = figure.subplot_mosaic(
         [["signal", "."], ["map", "spectrum"], ["power", "."]], width_ratios=(5, 1), height_ratios=(1, 3, 1)
     )
-    above, middle, below, side = (places[one] for one in ("signal", "map", "power", "spectrum"))
+    above, middle, below, side = (places[place] for place in ("signal", "map", "power", "spectrum"))
     amplitude, power = _Scale(z, unit), _Scale(z**2, f"{unit}²")
-    energy, density = _Scale(made.frequency_marginal, f"{unit}² s/Hz"), _Scale(made.values, f"{unit}²/Hz")
+    energy, density = _Scale(W.frequency_marginal, f"{unit}² s/Hz"), _Scale(W.values, f"{unit}²/Hz")
     above.plot(t, z / amplitude.factor, color=GREY, linewidth=0.8, label="|z|")
     above.plot(t, analysed.x / amplitude.factor, color=COLOURS[0], linewidth=1.0, label="x")
     below.plot(t, z**2 / power.factor, color=GREY, linewidth=0.8, label="|z|²")
-    below.plot(made.time_s, made.time_marginal / power.factor, color=COLOURS[0], linewidth=1.2, label="∫ W df")
-    side.plot(made.frequency_marginal / energy.factor, made.frequency_hz, color=COLOURS[0], linewidth=1.2)
-    _colour(figure, middle, side, made, density)
+    below.plot(W.time_s, W.time_marginal / power.factor, color=COLOURS[0], linewidth=1.2, label="∫ W df")
+    side.plot(W.frequency_marginal / energy.factor, W.frequency_hz, color=COLOURS[0], linewidth=1.2)
+    _colour(figure, middle, side, W, density)
     for axes, label in ((above, f"x [{amplitude.unit}]"), (middle, "f [Hz]"), (below, f"[{power.unit}]")):
         axes.set_ylabel(label)
         axes.set_xlim(t[0], 2 * t[-1] - t[-2])

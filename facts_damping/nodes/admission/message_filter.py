@@ -71,7 +71,7 @@ class MessageFilter:
         self._rate, self._options = case.run.frame_rate, options
         users = zip(controller_addresses(case), case.controllers, strict=True)
         # Topics by whose publishers a node knows its peers: its own nodes', and those of users' nodes.
-        self._of_peers = [REFUSALS, *(f"{address}/setpoints" for address, one in users if kind_of(one).node)]
+        self._of_peers = [REFUSALS, *(f"{address}/setpoints" for address, row in users if kind_of(row).node)]
         self._last = sys.maxsize if options.free else case.ticks - 1  # last tick that the run can have
         self._graph = graph
         self.senders = Publishers(node, options, graph)

@@ -151,13 +151,13 @@ class Publishers:
         """
         if self._options.paced and clock.monotonic() - self._sought_at > KNOW_S:
             self._sought_at = clock.monotonic()
-            known = {one.topic: one for one in self.topics if one.publisher is not None}
+            known = {topic_state.topic: topic_state for topic_state in self.topics if topic_state.publisher is not None}
             plant = known.get(self.plant.topic) if self.plant is not None else None
             over = plant is not None and plant.publisher not in self.of(plant.topic)
             heirs = {
-                topic: self._heir(one)
-                for topic, one in known.items()
-                if self._options.free or not (over or self.is_plant(one.publisher or b""))
+                topic: self._heir(topic_state)
+                for topic, topic_state in known.items()
+                if self._options.free or not (over or self.is_plant(topic_state.publisher or b""))
             }
             self._heirs = {topic: heir for topic, heir in heirs.items() if heir is not None}
         return {gid[:NODE] for topic, gid in self._heirs.items() if state is None or topic == state.topic}
@@ -172,13 +172,13 @@ class Publishers:
             if state.silent or clock.monotonic() - state.at < SILENT_S:
                 return None
             endpoints = self._node.get_publishers_info_by_topic(state.topic)
-            if len({(one.node_namespace, one.node_name) for one in endpoints}) > 1:
+            if len({(endpoint.node_namespace, endpoint.node_name) for endpoint in endpoints}) > 1:
                 return None
         return others[0]
 
     def of(self, topic: str) -> list[bytes]:
         """Identities (GIDs) of all current publishers of a topic."""
-        return [bytes(one.endpoint_gid) for one in self._node.get_publishers_info_by_topic(topic)]
+        return [bytes(endpoint.endpoint_gid) for endpoint in self._node.get_publishers_info_by_topic(topic)]
 
     def _complete(self) -> bool:
         """Whether all publishers are known; until then an unknown node on a common topic may be this graph's."""
@@ -192,5 +192,5 @@ class Publishers:
         name, place = self._node.get_name(), self._node.get_namespace()
         present = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(f"{self._graph}{REFUSALS}"))
         return {
-            bytes(one.endpoint_gid)[:NODE] for one in present if (one.node_name, one.node_namespace) == (name, place)
+            bytes(end.endpoint_gid)[:NODE] for end in present if (end.node_name, end.node_namespace) == (name, place)
         }

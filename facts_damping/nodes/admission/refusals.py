@@ -100,8 +100,8 @@ class Refusals:
 def node_name(node: Node, topic: str, publisher: bytes) -> str:
     """Full name of the node of a topic's publisher; empty if it is not known yet or has left."""
     publishers = node.get_publishers_info_by_topic(topic)
-    one = next((one for one in publishers if bytes(one.endpoint_gid) == publisher), None)
-    if one is None or one.node_name == UNKNOWN:
+    endpoint = next((candidate for candidate in publishers if bytes(candidate.endpoint_gid) == publisher), None)
+    if endpoint is None or endpoint.node_name == UNKNOWN:
         return ""
-    name = f"{one.node_namespace.rstrip('/')}/{one.node_name}"
+    name = f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
     return "".join(c if c.isprintable() and not c.isspace() else "?" for c in name)

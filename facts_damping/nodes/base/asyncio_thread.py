@@ -29,9 +29,9 @@ class AsyncioThread:
         """Run a task and wait for its result."""
         return self.begin(task).result()
 
-    def soon(self, act: Callable[..., object], *given: Any) -> None:
+    def soon(self, act: Callable[..., object], *arguments: Any) -> None:
         """Schedule a call in the loop's thread."""
-        self._loop.call_soon_threadsafe(act, *given)
+        self._loop.call_soon_threadsafe(act, *arguments)
 
     def close(self) -> None:
         """Cancel all running tasks and end the thread."""
@@ -42,8 +42,8 @@ class AsyncioThread:
 
 
 async def _cancel_all() -> None:
-    own = asyncio.current_task()
-    others = [task for task in asyncio.all_tasks() if task is not own]
+    this_task = asyncio.current_task()
+    others = [task for task in asyncio.all_tasks() if task is not this_task]
     while others:  # a task that is about to finish may miss the first cancellation
         for task in others:
             task.cancel()

@@ -34,7 +34,7 @@ def shared_topic(publishers: Mapping[str, Sequence[TopicEndpointInfo]], *, joins
     `joins`: publishers of the same node name count once, as the node's predecessor may still be there.
     """
     for topic, there in publishers.items():
-        names = {(one.node_namespace, one.node_name) for one in there}
+        names = {(endpoint.node_namespace, endpoint.node_name) for endpoint in there}
         if not topic.endswith(SHARED) and (len(names) if joins else len(there)) > 1:
             return topic
     return None
@@ -83,7 +83,7 @@ def wait_for_peers(
 
 def _counts(node: Node, expected: Iterable[Publisher[Any]], topics: Sequence[str]) -> list[int]:
     """Numbers of publishers and readers, which cost much less than to ask who they are."""
-    readers = [(one.get_subscription_count(), node.count_subscribers(one.topic_name)) for one in expected]
+    readers = [(end.get_subscription_count(), node.count_subscribers(end.topic_name)) for end in expected]
     return [*(node.count_publishers(topic) for topic in topics), *(count for pair in readers for count in pair)]
 
 
@@ -96,12 +96,12 @@ def _missing(
     options: Options,
 ) -> list[str]:
     """What `wait_for_peers` still waits for; `there`: publishers by topic."""
-    own = {_participant(one) for topic in topics for one in there[topic]}
-    own |= {_participant(one) for topic in peers for one in node.get_publishers_info_by_topic(topic)}
+    participants = {_participant(endpoint) for topic in topics for endpoint in there[topic]}
+    participants |= {_participant(endpoint) for topic in peers for endpoint in node.get_publishers_info_by_topic(topic)}
     missing = [
         f"a subscriber of {publisher.topic_name}"
         for publisher, count in expected.items()
-        if _readers(node, publisher, own, options) < count + int(options.view)
+        if _readers(node, publisher, participants, options) < count + int(options.view)
     ]
     return missing + [f"a publisher of {topic}" for topic in topics if not there[topic]]
 

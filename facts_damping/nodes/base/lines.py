@@ -29,14 +29,14 @@ class Ticks(NamedTuple):
     late: int  # deadline misses
 
 
-def ticks_line(ticks: Ticks) -> str:
+def ticks_line(progress: Ticks) -> str:
     """Progress of a source of frames."""
-    return f"tick {ticks.newest} {ticks.of} {ticks.late}"
+    return f"tick {progress.newest} {progress.of} {progress.late}"
 
 
 def ticks(output: str) -> list[Ticks]:
     """Progress in the output of a source of frames."""
-    return [Ticks(*map(int, found)) for found in _TICK.findall(output)]
+    return [Ticks(*map(int, numbers)) for numbers in _TICK.findall(output)]
 
 
 def refused_line(count: int, cause: str, topic: str, source: str) -> str:
@@ -56,8 +56,8 @@ def steps_line(times: StepTimes) -> str:
 
 def steps(output: str) -> tuple[int, float, float, float] | None:
     """Fields of StepTimes in the output of a controller; None: it runs no user's program, or has not ended."""
-    found = _STEPS.search(output)
-    return (int(found[1]), float(found[2]), float(found[3]), float(found[4])) if found else None
+    match = _STEPS.search(output)
+    return (int(match[1]), float(match[2]), float(match[3]), float(match[4])) if match else None
 
 
 def lost_line(count: int) -> str:
@@ -67,8 +67,8 @@ def lost_line(count: int) -> str:
 
 def lost(output: str) -> int:
     """Lost messages in the output of a recorder."""
-    found = _LOST.search(output)
-    return int(found[1]) if found else 0
+    match = _LOST.search(output)
+    return int(match[1]) if match else 0
 
 
 def sent_line(count: int, topic: str) -> str:

@@ -53,13 +53,13 @@ def declare_settings(
         text = f"{p.description}: {', '.join(p.choices)}" if p.choices else p.description
         low, high = (None, None) if p.choices else (p.low, p.high)
         wanted = controller.parameters[name]
-        given = declare(node, name, wanted, descriptor(text, p.unit, low, high, not p.live))
-        if given != wanted and not p.live:
-            raise InputError(f"{name}: {given} given; allowed: the run's {wanted}, or set: controllers.<i>.parameters")
-        check_parameter(name, name, given, table, counts)
-        put(rows, name, p, given, swing)
-        if given != wanted:
-            change("parameter", name, given)
+        now = declare(node, name, wanted, descriptor(text, p.unit, low, high, not p.live))
+        if now != wanted and not p.live:
+            raise InputError(f"{name}: {now} given; allowed: the run's {wanted}, or set: controllers.<i>.parameters")
+        check_parameter(name, name, now, table, counts)
+        put(rows, name, p, now, swing)
+        if now != wanted:
+            change("parameter", name, now)
 
     def check(changed: list[tuple[str, Any]]) -> None:
         for name, value in changed:
@@ -125,9 +125,9 @@ class StageParameters:
                         name, wanted = f"{way}.{i}.{field}", field_descriptor(type(stage).model_fields[field], False)
                         if ignore_given:
                             self._node.declare_parameter(name, value, wanted, ignore_override=True)
-                        elif (given := declare(self._node, name, value, wanted)) != value:
-                            _, _, self._link = with_number(self._link, name, given)
-                            self._change(name, given)
+                        elif (declared := declare(self._node, name, value, wanted)) != value:
+                            _, _, self._link = with_number(self._link, name, declared)
+                            self._change(name, declared)
                         self._names.append(name)
 
     def _check(self, changed: list[tuple[str, Any]]) -> None:
@@ -146,10 +146,10 @@ class MeasurementParameters:
         """Declare the parameters. `change(name, value)` is called for each value that differs from `measurement`'s."""
         self._measurement = measurement
         for name, wanted in numbers(measurement).items():
-            given = declare(node, name, wanted, field_descriptor(_field(measurement, name), False))
-            if given != wanted:
-                self._measurement = with_measured(self._measurement, name, given)
-                change(name, given)
+            declared = declare(node, name, wanted, field_descriptor(_field(measurement, name), False))
+            if declared != wanted:
+                self._measurement = with_measured(self._measurement, name, declared)
+                change(name, declared)
         _on_set(node, list(numbers(measurement)), self._check, change)
 
     def _check(self, changed: list[tuple[str, Any]]) -> None:

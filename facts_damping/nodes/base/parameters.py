@@ -77,10 +77,10 @@ class Options:
 
 def descriptor(description: str, unit: str = "", low: Any = None, high: Any = None, read_only: bool = True) -> Any:
     """ROS parameter descriptor with meaning, unit and range, for `declare`."""
-    made = ParameterDescriptor(description=f"{description} [{unit}]" if unit else description, read_only=read_only)
+    described = ParameterDescriptor(description=f"{description} [{unit}]" if unit else description, read_only=read_only)
     if low is not None and high is not None:
-        made.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high), step=0.0)]
-    return made
+        described.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high), step=0.0)]
+    return described
 
 
 # Values of parameters that stand for a field of the run that is not given or is no plain value.
@@ -104,7 +104,7 @@ def declare(node: Node, name: str, default: Any, wanted: Any) -> Any:
     The default gives the type of the parameter and of its range; whole numbers are accepted for floats.
     """
     if type(default) is int and wanted.floating_point_range:
-        whole = [int(one) for limit in wanted.floating_point_range for one in (limit.from_value, limit.to_value)]
+        whole = [int(bound) for limit in wanted.floating_point_range for bound in (limit.from_value, limit.to_value)]
         wanted.integer_range = [IntegerRange(from_value=whole[0], to_value=whole[1], step=1)]
         wanted.floating_point_range = []
     overrides = node._parameter_overrides  # noqa: SLF001 (rclpy has no other way to read them)
@@ -119,7 +119,7 @@ def as_declared(default: Any, value: Any) -> Any:
     if isinstance(default, float) and type(value) is int:
         return float(value)
     if isinstance(default, (list, array)) and len(default) and isinstance(default[0], float):
-        return [float(one) if type(one) is int else one for one in value] if isinstance(value, list) else value
+        return [float(item) if type(item) is int else item for item in value] if isinstance(value, list) else value
     return value
 
 
@@ -128,10 +128,10 @@ def accept_whole_numbers(node: Node) -> None:
 
     def convert(changed: list[Parameter[Any]]) -> list[Parameter[Any]]:
         return [
-            Parameter(one.name, value=as_declared(node.get_parameter(one.name).value, one.value))
-            if node.has_parameter(one.name) and one.value is not None
-            else one
-            for one in changed
+            Parameter(parameter.name, value=as_declared(node.get_parameter(parameter.name).value, parameter.value))
+            if node.has_parameter(parameter.name) and parameter.value is not None
+            else parameter
+            for parameter in changed
         ]
 
     node.add_pre_set_parameters_callback(convert)
@@ -171,7 +171,7 @@ def read_case(node: Node) -> Case:
     free = (OPTIONS["mode"][0] if mode is None else mode.value) == "free"
     run: str = declare(node, "run", FREE_RUN if free else "", descriptor(text))
     text = "changes to the run: key.path=value; empty: none"
-    sets = [one for one in declare(node, "set", [""], descriptor(text)) if one]
+    sets = [setting for setting in declare(node, "set", [""], descriptor(text)) if setting]
     case = load_case(run or None, sets)
     changed, fields = [], Run.model_fields
     for name in RUN_FIELDS:
@@ -179,9 +179,9 @@ def read_case(node: Node) -> Case:
         if name == "duration" and value is None:
             value = SCENARIOS
         value = value if isinstance(value, (str, int, float)) else INLINE
-        given = declare(node, name, value, DURATION if name == "duration" else field_descriptor(fields[name]))
-        if given != value:
-            changed.append(f"{name}={given}")
+        declared = declare(node, name, value, DURATION if name == "duration" else field_descriptor(fields[name]))
+        if declared != value:
+            changed.append(f"{name}={declared}")
     return load_case(run or None, [*changed, *sets]) if changed else case
 
 

@@ -133,7 +133,7 @@ class Spinner:
         Returns whether there may be more.
         """
         self.serve()
-        full = [all(_take(one) is not None for _ in range(MAXIMUM)) for _, one in self._subscriptions]
+        full = [all(_take(subscription) is not None for _ in range(MAXIMUM)) for _, subscription in self._subscriptions]
         return any(full)
 
     def serve(self) -> None:

@@ -25,7 +25,7 @@ def graph_prefix(node: Node, address: Address) -> str:
 
     Raises `InputError` if the node is not in the namespace that the run assigns to it.
     """
-    own = node.get_namespace()
-    if address.namespace and not own.endswith(f"/{address.namespace}"):
-        raise InputError(f"namespace: {own} given; allowed: one that ends with /{address.namespace} (-r __ns:=...)")
-    return own.removesuffix(address.namespace) if address.namespace else ""
+    space = node.get_namespace()
+    if address.namespace and not space.endswith(f"/{address.namespace}"):
+        raise InputError(f"namespace: {space} given; allowed: one that ends with /{address.namespace} (-r __ns:=...)")
+    return space.removesuffix(address.namespace) if address.namespace else ""

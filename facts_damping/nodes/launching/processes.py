@@ -104,8 +104,8 @@ def start(
 
     `node`: its kind, the name of its executable; `remaps`: topic remappings; `environment`: None: that of this process.
     """
-    namespace, _, own = name.rpartition("/")
-    arguments = [*QUIET, "-r", f"__node:={own}"]
+    namespace, _, node_name = name.rpartition("/")
+    arguments = [*QUIET, "-r", f"__node:={node_name}"]
     arguments += ["-r", f"__ns:=/{namespace}"] if namespace else []
     for topic, other in (remaps or {}).items():
         arguments += ["-r", f"{topic}:={other}"]
@@ -155,6 +155,6 @@ def start_again(running: dict[str, Process], name: str) -> None:
     """Start a node that has ended once more, with `join`; the ended one is kept for its counts."""
     ended = running[name]
     if ended.process.exitcode is not None and ended.again:
-        own, node, parameters, remaps, environment = ended.again
+        full_name, node, parameters, remaps, environment = ended.again
         running[f"{name} {len(running)}"] = ended
-        running[name] = start(own, node, {**parameters, "join": True}, remaps, environment)
+        running[name] = start(full_name, node, {**parameters, "join": True}, remaps, environment)

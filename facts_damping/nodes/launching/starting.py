@@ -135,7 +135,7 @@ def stop(running: dict[str, Process]) -> None:
     """Stop the source, then the other nodes together (they take their last messages first), then the recorder."""
     first = [process for name, process in running.items() if name in SOURCES]
     last = [process for name, process in running.items() if name == RECORDER]
-    for together in (first, [one for one in running.values() if one not in (*first, *last)], last):
+    for together in (first, [process for process in running.values() if process not in (*first, *last)], last):
         end(together, signal.SIGINT)
 
 

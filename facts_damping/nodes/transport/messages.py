@@ -73,10 +73,10 @@ class PlantStateMessage:
         """Tick and devices (DEVICE_TRUTH) of a message. Raises `Refused` if it does not fit the case."""
         t = self._template
         t.take(data)
-        found = np.zeros(self._count, DEVICE_TRUTH)
+        devices = np.zeros(self._count, DEVICE_TRUTH)
         for name, field in self._devices.items():
-            found[name] = t.read(field)
-        return t.tick(), found
+            devices[name] = t.read(field)
+        return t.tick(), devices
 
 
 class ControllerStateMessage:
@@ -89,8 +89,8 @@ class ControllerStateMessage:
         self._net = controller_network(controller)
         names, outputs = groups(self._net), self._net.outputs
         pmus = [pmu.name for pmu in case.system.pmus]
-        given, _ = inputs([controller.signals], case.system.signals, pmus)
-        self.used = candidates(given, 0)
+        receivers, _ = inputs([controller.signals], case.system.signals, pmus)
+        self.used = candidates(receivers, 0)
         sizes = {
             **dict.fromkeys(("unlimited_outputs", "outputs", "saturated"), devices),
             "inputs": signals,
@@ -282,8 +282,8 @@ def diagnostics(node: str, hardware: str, health: Health, start_ns: int) -> Diag
 
 def run_state(data: bytes) -> tuple[int, bool, str]:
     """State, synchronism and reason of a RunState message. Raises `Refused` if it is no such message."""
-    found = content(data, msg.RunState)
-    return found.state, bool(found.in_synchronism), found.reason
+    state = content(data, msg.RunState)
+    return state.state, bool(state.in_synchronism), state.reason
 
 
 def synchronism_lost(at_ns: int) -> str:

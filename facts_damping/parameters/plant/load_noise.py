@@ -47,6 +47,6 @@ class LoadNoise(ParameterModel):
 
     def of(self, load: str) -> tuple[float, float, float]:
         """Standard deviation, time constant (s) and correlation of a load's noise."""
-        own = self.loads.get(load, OwnNoise())
-        values = {**self.model_dump(exclude={"loads"}), **own.model_dump(exclude_none=True)}
+        noise = self.loads.get(load, OwnNoise())
+        values = {**self.model_dump(exclude={"loads"}), **noise.model_dump(exclude_none=True)}
         return values["std"], values["time_constant"], values["correlation"]

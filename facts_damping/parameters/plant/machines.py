@@ -81,10 +81,10 @@ class Machine(ParameterModel):
         if (self.Xq1 is None) != (self.Tq01 is None):
             raise ValueError("Xq1 and Tq01 must be given both or neither (neither: salient pole)")
         for names in (("Xl", "Xd2", "Xd1", "Xd"), ("Xl", "Xq2", "Xq1", "Xq")):
-            given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-            falls = any(low > high for low, high in itertools.pairwise(given.values()))
-            if self.model != "classical" and (falls or list(given.values()).count(self.Xl) > 1):
-                raise ValueError(f"{' < '.join(given)} must hold (X'' <= X' <= X), given {list(given.values())}")
+            X = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+            falls = any(low > high for low, high in itertools.pairwise(X.values()))
+            if self.model != "classical" and (falls or list(X.values()).count(self.Xl) > 1):
+                raise ValueError(f"{' < '.join(X)} must hold (X'' <= X' <= X), given {list(X.values())}")
         if self.S12 > 0 and not self.S10 < self.S12:
             raise ValueError(f"S10 must be below S12, given {self.S10:g} and {self.S12:g}")
         if self.S12 > 0 and self.model == "classical":
@@ -235,7 +235,7 @@ else:
 
     def _one_of(role: str, usual: str, *models: type) -> Any:
         """A control by its model; one that names none is the usual one."""
-        choices = (*models, *(made for name, made in BLOCK_CONTROLS.items() if MODELS[name].role == role))
+        choices = (*models, *(control for name, control in BLOCK_CONTROLS.items() if MODELS[name].role == role))
 
         def named(content: Any) -> Any:
             return {"model": usual, **content} if isinstance(content, dict) else content

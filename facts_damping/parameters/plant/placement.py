@@ -28,11 +28,11 @@ def place(system: System) -> System:
 
 def _insert(system: System, device: Series) -> System:
     at = next(i for i, line in enumerate(system.lines) if line.name == device.line)
-    line, made = system.lines[at], f"{device.line}.{device.name}"
+    line, name = system.lines[at], f"{device.line}.{device.name}"
     bus, side = (line.from_bus, "from_bus") if device.end == "from" else (line.to_bus, "to_bus")
-    ends = (bus, made) if device.end == "from" else (made, bus)
-    if made in {b.name for b in system.buses}:
-        raise InputError(f"devices: {device.name}: makes a bus '{made}', which exists already; allowed: another name")
+    ends = (bus, name) if device.end == "from" else (name, bus)
+    if name in {b.name for b in system.buses}:
+        raise InputError(f"devices: {device.name}: makes a bus '{name}', which exists already; allowed: another name")
     voltage = next(b.nominal_voltage for b in system.buses if b.name == bus)
     places = {b.name: b.position for b in system.buses}
     near, far = places[bus], places[line.to_bus if device.end == "from" else line.from_bus]
@@ -40,8 +40,8 @@ def _insert(system: System, device: Series) -> System:
     placed = device.model_copy(update={"line": None, "from_bus": ends[0], "to_bus": ends[1]})
     return system.model_copy(
         update={
-            "buses": [*system.buses, Bus(name=made, nominal_voltage=voltage, position=position)],
-            "lines": [*system.lines[:at], line.model_copy(update={side: made}), *system.lines[at + 1 :]],
+            "buses": [*system.buses, Bus(name=name, nominal_voltage=voltage, position=position)],
+            "lines": [*system.lines[:at], line.model_copy(update={side: name}), *system.lines[at + 1 :]],
             "devices": [placed if d.name == device.name else d for d in system.devices],
             "pmus": [
                 s.model_copy(update={"branches": [device.name if b == line.name else b for b in s.branches]})

@@ -64,12 +64,12 @@ class System(ParameterModel):
 
 def _unique(field: str, names: Iterable[str]) -> set[str]:
     """The names as a set; a name that stands twice is an error."""
-    found: set[str] = set()
+    unique: set[str] = set()
     for name in names:
-        if name in found:
+        if name in unique:
             raise ValueError(f"{field}: '{name}' stands twice; allowed: each name once")
-        found.add(name)
-    return found
+        unique.add(name)
+    return unique
 
 
 def _known(field: str, name: str, allowed: Iterable[str]) -> None:
@@ -92,8 +92,8 @@ def _check_references(system: System) -> None:
         machines.setdefault(m.bus, []).append(m)
     for bus, here in machines.items():
         if len({m.V for m in here}) > 1:
-            given = ", ".join(f"{m.V:g} of {m.name}" for m in here)
-            raise ValueError(f"machines.*.V: {given} given at bus {bus}; allowed: one voltage")
+            voltages = ", ".join(f"{m.V:g} of {m.name}" for m in here)
+            raise ValueError(f"machines.*.V: {voltages} given at bus {bus}; allowed: one voltage")
     joined: list[Line | Transformer] = [*system.lines, *system.transformers]
     _unique("lines, transformers, devices", [row.name for row in (*joined, *system.devices)])
     for branch in joined:
@@ -131,8 +131,8 @@ def _check_devices(system: System, buses: set[str]) -> None:
             _check_ends(f"devices: {device.name}", *device.ends, buses)
             place = tuple(sorted(device.ends))
         if place in devices:
-            given = f"'{' to '.join(place)}' given, where {devices[place]} stands already"
-            raise ValueError(f"devices: {device.name}: {given}; allowed: one device in a line, or between two buses")
+            problem = f"'{' to '.join(place)}' given, where {devices[place]} stands already"
+            raise ValueError(f"devices: {device.name}: {problem}; allowed: one device in a line, or between two buses")
         devices[place] = device.name
 
 
@@ -160,8 +160,8 @@ def _check_machines(system: System) -> None:
         raise ValueError("machines.*.area: given for some machines; allowed: for all, or for none")
     slack = [m.name for m in system.machines if m.slack]
     if len(slack) != (0 if system.infinite_buses else 1):
-        given = f"{len(slack)} slack machines given ({', '.join(slack)})"
-        raise ValueError(f"machines.*.slack: {given}; allowed: exactly one, or none beside an infinite bus")
+        problem = f"{len(slack)} slack machines given ({', '.join(slack)})"
+        raise ValueError(f"machines.*.slack: {problem}; allowed: exactly one, or none beside an infinite bus")
 
 
 def _check_measurements(system: System, buses: set[str]) -> None:
@@ -182,7 +182,7 @@ def _check_measurements(system: System, buses: set[str]) -> None:
     for name, signal in system.signals.items():
         for pmu_name in signal.weights:
             _known(f"signals: {name}.weights", pmu_name, pmus)
-        for pmu_name in (one for own in signal.backups.values() for one in own):
+        for pmu_name in (backup for backups in signal.backups.values() for backup in backups):
             _known(f"signals: {name}.backups", pmu_name, pmus)
     for name in (*system.measures.local, *system.measures.interarea):
         _known("measures", name, {n for n, s in system.signals.items() if s.channel == "speed_deviation"})

@@ -45,8 +45,8 @@ def row(load: Load, base_power: float, reference_voltage: float, port: int, offs
     p, q = load.P_fractions, load.Q_fractions
     power = load.P / base_power, load.Q / base_power
     fractions = p.current, p.power, q.current, q.power
-    own = port, offset if depends_on_frequency(load) else -1, load.kpf, load.kqf, load.T_f
-    return (*power, reference_voltage, *fractions, load.V_min, *own)
+    common = port, offset if depends_on_frequency(load) else -1, load.kpf, load.kqf, load.T_f
+    return (*power, reference_voltage, *fractions, load.V_min, *common)
 
 
 def is_impedance(load: Load) -> bool:
@@ -96,14 +96,14 @@ def derivatives(d: Any, x: Float1, voltage: complex, dx: Float1) -> None:
 
 @compiled
 def characteristic(
-    d: Any, magnitude: float, low: bool, active_factor: float, reactive_factor: float
+    d: Any, voltage: float, low: bool, active_factor: float, reactive_factor: float
 ) -> tuple[complex, complex]:
     """Current injected beside the impedance relative to the voltage's direction, and its derivative by |V|, p.u.
 
     It is -conj(dS) / |V| with dS the power beyond the impedance. If the power at a voltage is multiplied by m, dS is m
     times its value plus (m - 1) r^2.
     """
-    r = magnitude / d.V0
+    r = voltage / d.V0
     active, active_slope = excess(r, d.P_current, d.P_power, d.V_min, low)
     reactive, reactive_slope = excess(r, d.Q_current, d.Q_power, d.V_min, low)
     more, more_reactive = active_factor - 1.0, reactive_factor - 1.0
@@ -112,4 +112,4 @@ def characteristic(
     reactive_slope = reactive_factor * reactive_slope + 2.0 * more_reactive * r
     drawn = complex(d.P * active, -d.Q * reactive)
     slope = complex(d.P * active_slope, -d.Q * reactive_slope) / d.V0
-    return -drawn / magnitude, (drawn / magnitude - slope) / magnitude
+    return -drawn / voltage, (drawn / voltage - slope) / voltage

@@ -93,8 +93,8 @@ def transformer_section(transformer: Transformer, base_power: float) -> Complex2
         magnetising += -1j * (ratio / transformer.magnetising_x)
     y = complex(over(ratio, complex(transformer.r, transformer.x)))
     t = complex(polar(transformer.tap, math.radians(transformer.phase_shift)))
-    own = y / (transformer.tap * transformer.tap)
-    return np.array([[own + magnetising, -over(y, t.conjugate())], [-over(y, t), y]])
+    series = y / (transformer.tap * transformer.tap)
+    return np.array([[series + magnetising, -over(y, t.conjugate())], [-over(y, t), y]])
 
 
 def device_section(device: Series, series: complex) -> Branch:
@@ -111,24 +111,24 @@ def at_rest(device: Series, lost: float = 0.0) -> complex:
 
 def branches(system: System, topology: Topology) -> list[Branch]:
     """Lines and transformers in service, p.u.; a faulted line is two sections, joined at a bus `line:fault`."""
-    found = []
+    sections = []
     faulted = {place.line: place for place in topology.faults if place.line is not None}
     for line in system.lines:
         if line.name in topology.lines_out:
             continue
         place = faulted.get(line.name)
         if place is None:
-            found.append(Branch(line.name, line.from_bus, line.to_bus, line_section(line, system.line_model)))
+            sections.append(Branch(line.name, line.from_bus, line.to_bus, line_section(line, system.line_model)))
             continue
         middle = fault_bus(line.name)
         near, far = (line_section(line, system.line_model, part) for part in (place.location, 1 - place.location))
-        found.append(Branch(line.name, line.from_bus, middle, near))
-        found.append(Branch(line.name, middle, line.to_bus, far))
+        sections.append(Branch(line.name, line.from_bus, middle, near))
+        sections.append(Branch(line.name, middle, line.to_bus, far))
     for transformer in system.transformers:
         if transformer.name not in topology.lines_out:
             section = transformer_section(transformer, system.base_power)
-            found.append(Branch(transformer.name, transformer.from_bus, transformer.to_bus, section))
-    return found
+            sections.append(Branch(transformer.name, transformer.from_bus, transformer.to_bus, section))
+    return sections
 
 
 def fault_bus(line: str) -> str:
@@ -177,11 +177,11 @@ def shunts(system: System, topology: Topology, voltage: Mapping[str, float]) -> 
 
 def grounded(topology: Topology) -> set[str]:
     """Buses at zero voltage: those with a bolted fault."""
-    found = set()
+    buses = set()
     for place, impedance in topology.faults.items():
         if impedance == 0 and (place.line is None or place.line not in topology.lines_out):
-            found.add(place.bus or fault_bus(place.line or ""))
-    return found
+            buses.add(place.bus or fault_bus(place.line or ""))
+    return buses
 
 
 def series_devices(system: System) -> list[Series]:
@@ -198,7 +198,7 @@ def check_islands(system: System, topology: Topology, when: str) -> dict[str, in
     sources = [m.bus for m in system.machines if m.name not in topology.machines_out]
     fed = {label[bus] for bus in (*sources, *(i.bus for i in system.infinite_buses))}
     for island in sorted(set(label.values()) - fed):
-        members = [name for name, own in label.items() if own == island]
+        members = [name for name, number in label.items() if number == island]
         raise InputError(
             f"{when} island without a machine: buses {', '.join(members)}; allowed: at least one machine an island"
         )

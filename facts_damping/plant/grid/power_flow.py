@@ -151,8 +151,8 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     for source in held:
         magnitude[index[source.bus]] = source.V
     turned = {index[source.bus] for source in fixed}
-    kept = {index[source.bus] for source in held}
-    free = tuple(np.array([i for i in range(len(names)) if i not in known], int) for known in (turned, kept))
+    held_buses = {index[source.bus] for source in held}
+    free = tuple(np.array([i for i in range(len(names)) if i not in known], int) for known in (turned, held_buses))
     voltage, residual = _converged(system, names, matrix, scheduled, (magnitude, angle), free)
     drawn = demand(system, names, magnitudes(voltage))[0] + of_devices
     net = times(voltage, np.conj(_currents(matrix, voltage))) + drawn
@@ -160,10 +160,10 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     for source in held:
         here.setdefault(index[source.bus], []).append(source)
     generation = {
-        name: fraction for i in kept for name, fraction in _shared(here[i], complex(net[i]), system.base_power)
+        name: fraction for i in held_buses for name, fraction in _shared(here[i], complex(net[i]), system.base_power)
     }
     injection = -drawn
-    for i in kept:
+    for i in held_buses:
         injection[i] += net[i]
     currents = {}
     for d in network.series_devices(system):
@@ -243,21 +243,21 @@ def _initial_angles(matrix: Triplets, angle: Float1, free: Int1, active: Float1)
     those without a connection to a given angle.
     """
     n, beside = len(angle), matrix.row != matrix.column
-    i, j, value = (one[beside] for one in matrix)
+    i, j, value = (part[beside] for part in matrix)
     size = magnitudes(value)
     weight = filled(n, (i, j), size)
     laplacian = filled(n, (np.arange(n),) * 2, weight.sum(axis=1) + STRAY) - weight
-    drawn, given = np.zeros(n), np.isin(j, free, invert=True)
-    np.add.at(drawn, i[given], size[given] * angle[j[given]])
-    found: Float1 = angle.copy()
-    found[free] = solve_network(laplacian[free][:, free], (drawn + active)[free])
-    return found
+    drawn, fixed = np.zeros(n), np.isin(j, free, invert=True)
+    np.add.at(drawn, i[fixed], size[fixed] * angle[j[fixed]])
+    solved: Float1 = angle.copy()
+    solved[free] = solve_network(laplacian[free][:, free], (drawn + active)[free])
+    return solved
 
 
 def _newton(
     matrix: Triplets,
     scheduled: Complex1,
-    demand: Callable[[Float1], Complex2],
+    demand_at: Callable[[Float1], Complex2],
     start: tuple[Float1, Float1],
     free_angle: Int1,
     free_magnitude: Int1,
@@ -269,7 +269,7 @@ def _newton(
     enough = TOLERANCE / (1000 if len(angle) <= DENSE else 10)  # round-off grows with the number of buses
     for _ in range(MAX_ITERATIONS):
         current = _currents(matrix, voltage)
-        drawn, drawn_by_magnitude = demand(magnitude)
+        drawn, drawn_by_magnitude = demand_at(magnitude)
         mismatch = times(voltage, np.conj(current)) + drawn - scheduled
         equations = np.concatenate([mismatch.real[free_angle], mismatch.imag[free_magnitude]])
         residual = float(np.max(np.abs(equations), initial=0.0))
@@ -296,13 +296,13 @@ def _jacobian(
 ) -> Any:
     """Derivatives of the power balances by the free angles and magnitudes; sparse for a large network."""
     unit = over(voltage, magnitudes(voltage))
-    own = times(np.conj(current), unit) + drawn_by_magnitude
+    diagonal = times(np.conj(current), unit) + drawn_by_magnitude
     n, at = len(voltage), (np.arange(len(voltage)),) * 2
     i, j, there = matrix
     apart = 1j * voltage
     by_angle = filled(n, (i, j), times(apart[i], np.conj(-times(there, voltage[j]))))
     by_angle = by_angle + filled(n, at, times(apart, np.conj(current)))
-    by_magnitude = filled(n, (i, j), times(voltage[i], np.conj(times(there, unit[j])))) + filled(n, at, own)
+    by_magnitude = filled(n, (i, j), times(voltage[i], np.conj(times(there, unit[j])))) + filled(n, at, diagonal)
     parts = [
         [by_angle.real[np.ix_(free_angle, free_angle)], by_magnitude.real[np.ix_(free_angle, free_magnitude)]],
         [by_angle.imag[np.ix_(free_magnitude, free_angle)], by_magnitude.imag[np.ix_(free_magnitude, free_magnitude)]],

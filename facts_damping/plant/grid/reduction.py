@@ -61,19 +61,19 @@ def reduce_network(
     """
     net = _equations(system, places, norton, topology, voltage)
     buses = len(net.at)
-    sources, found = (np.zeros((n, net.inputs), np.complex128) for n in (len(net.live), buses + net.inputs))
+    sources, solution = (np.zeros((n, net.inputs), np.complex128) for n in (len(net.live), buses + net.inputs))
     sources[net.sources.row, net.sources.column] = net.sources.value
     with _singular(system):
-        found[net.live] = solve_network(net.matrix, sources)
+        solution[net.live] = solve_network(net.matrix, sources)
     for bus, column in net.fixed.items():
-        found[bus, column] = 1.0
-    found[buses:] = np.eye(net.inputs)
+        solution[bus, column] = 1.0
+    solution[buses:] = np.eye(net.inputs)
     outputs = list(_outputs(system, places, net))
-    made = np.zeros((len(outputs), net.inputs), np.complex128)
+    responses = np.zeros((len(outputs), net.inputs), np.complex128)
     for o, added in enumerate(outputs):
         for terms, divisor in added:
-            made[o] += over(sum(times(factor, found[at]) for factor, at in terms), divisor)
-    return made
+            responses[o] += over(sum(times(factor, solution[at]) for factor, at in terms), divisor)
+    return responses
 
 
 def sparse_network(
@@ -82,12 +82,12 @@ def sparse_network(
     """The same without the dense matrix, for large networks."""
     net = _equations(system, places, norton, topology, voltage)
     with _singular(system):
-        found = factors(net.matrix, complex)
+        lu = factors(net.matrix, complex)
     inputs, buses, live = net.inputs, len(net.at), len(net.live)
-    column = dict(zip(net.live[found.order].tolist(), range(inputs, inputs + live), strict=True)) | net.fixed
+    column = dict(zip(net.live[lu.order].tolist(), range(inputs, inputs + live), strict=True)) | net.fixed
     column |= {buses + i: i for i in range(inputs)}
-    upper = found.upper.value.copy()
-    upper[found.upper.begin[1:] - 1] = over(1.0, upper[found.upper.begin[1:] - 1])
+    upper = lu.upper.value.copy()
+    upper[lu.upper.begin[1:] - 1] = over(1.0, upper[lu.upper.begin[1:] - 1])
     outputs = (
         (o, column[at], complex(over(factor, divisor)))
         for o, added in enumerate(_outputs(system, places, net))
@@ -95,15 +95,15 @@ def sparse_network(
         for factor, at in terms
         if at in column  # not at a bus with a bolted fault
     )
-    made = SparseNetwork(
-        lower=_cut(found.lower),
-        upper=_cut(found.upper._replace(value=upper)),
-        inputs=_entries(inputs, net.sources.column, found.place[net.sources.row], net.sources.value),
+    reduced = SparseNetwork(
+        lower=_cut(lu.lower),
+        upper=_cut(lu.upper._replace(value=upper)),
+        inputs=_entries(inputs, net.sources.column, lu.place[net.sources.row], net.sources.value),
         outputs=_entries(len(norton) + len(places) + 2 * len(system.pmus), *summed(inputs + live, outputs)),
         own=np.zeros(len(places), np.complex128),
     )
-    own_responses(made, np.zeros(inputs, np.complex128), np.zeros(live, np.complex128), len(norton))
-    return made
+    own_responses(reduced, np.zeros(inputs, np.complex128), np.zeros(live, np.complex128), len(norton))
+    return reduced
 
 
 def _entries(columns: int, column: Int1, row: Int1, value: Complex1) -> ComplexEntries:
@@ -143,21 +143,21 @@ def _outputs(system: System, places: Sequence[Place], net: _Equations) -> Iterat
 
     def of_machine(name: str) -> list[Part]:
         g = machines[name]
-        own = [] if net.norton[g] == 0 else [len(net.at) + g, *salient.get(name, [])]
-        return [([*((1.0, at) for at in own), (-net.norton[g], net.at[system.machines[g].bus])], 1.0)]
+        terms = [] if net.norton[g] == 0 else [len(net.at) + g, *salient.get(name, [])]
+        return [([*((1.0, at) for at in terms), (-net.norton[g], net.at[system.machines[g].bus])], 1.0)]
 
     def into_branches(pmu: Pmu) -> Iterator[Part]:
         for i in sorted(i for name in pmu.branches for i in branches.get(name, [])):
             branch = net.present[i]
             if pmu.bus not in (branch.from_bus, branch.to_bus):
                 continue  # the far section of a faulted line
-            own = 0 if branch.from_bus == pmu.bus else 1
+            end = 0 if branch.from_bus == pmu.bus else 1
             if branch.name in series:
                 terms, divisor = series[branch.name]
-                yield terms, divisor if own == 0 else -divisor
+                yield terms, divisor if end == 0 else -divisor
             else:
                 ends = net.at[branch.from_bus], net.at[branch.to_bus]
-                yield list(zip(branch.admittance[own].tolist(), ends, strict=True)), 1.0
+                yield list(zip(branch.admittance[end].tolist(), ends, strict=True)), 1.0
 
     for bus in (m.bus for m in system.machines):
         yield [([(1.0, net.at[bus])], 1.0)]
@@ -196,7 +196,7 @@ def _equations(
     at_machines = [(m.bus, norton[g]) for g, m in enumerate(system.machines)]
     machines, infinite = len(norton), len(system.infinite_buses)
     dead = network.grounded(topology)
-    fixed = {index[one.bus]: machines + i for i, one in enumerate(system.infinite_buses) if one.bus not in dead}
+    fixed = {index[inf.bus]: machines + i for i, inf in enumerate(system.infinite_buses) if inf.bus not in dead}
     known = np.isin(np.arange(len(names)), [*fixed, *(index[bus] for bus in dead)])
     shunts = [*network.shunts(system, topology, voltage).items(), *at_machines]
     matrix = network.admittance(index, present, shunts)
@@ -218,8 +218,8 @@ def _equations(
     at = place_of[matrix.row[inner]], place_of[matrix.column[inner]]
     inputs = machines + infinite + len(places)
     sources = summed(inputs, ((place_of[i], c, value) for i, c, value in entries if not known[i]))
-    own = filled(len(names), at, matrix.value[inner], len(live))
-    return _Equations(index, present, norton, own, sources, inputs, live, fixed)
+    matrix_of_live = filled(len(names), at, matrix.value[inner], len(live))
+    return _Equations(index, present, norton, matrix_of_live, sources, inputs, live, fixed)
 
 
 def floating(matrix: Triplets, fixed: Bool1) -> Bool1:

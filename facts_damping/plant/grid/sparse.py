@@ -65,9 +65,9 @@ def summed(columns: int, entries: Iterable[tuple[int, int, complex]]) -> Triplet
     places, which = np.unique(row * columns + column, return_inverse=True)
     total = np.zeros(len(places), complex)
     np.add.at(total, which, table[:, 2])
-    kept = total != 0
-    row, column = np.divmod(places[kept], columns)
-    return Triplets(row, column, total[kept])
+    nonzero = total != 0
+    row, column = np.divmod(places[nonzero], columns)
+    return Triplets(row, column, total[nonzero])
 
 
 def filled(buses: int, at: tuple[Int1, Int1], values: NDArray[Any], size: int | None = None) -> Any:
@@ -75,9 +75,9 @@ def filled(buses: int, at: tuple[Int1, Int1], values: NDArray[Any], size: int | 
     n = buses if size is None else size
     if buses > DENSE:
         return _sparse().csc_array((values, at), (n, n))
-    made = np.zeros((n, n), values.dtype)
-    made[at] = values
-    return made
+    matrix = np.zeros((n, n), values.dtype)
+    matrix[at] = values
+    return matrix
 
 
 def joined(parts: list[list[Any]]) -> Any:
@@ -102,7 +102,7 @@ def factors(a: Any, kind: type) -> Factors:
     a.sort_indices()
     is_complex = kind is complex
     entries = ComplexEntries if is_complex else Entries
-    given = entries(a.indptr.astype(np.int64), a.indices.astype(np.int64), a.data.astype(kind))
+    matrix_entries = entries(a.indptr.astype(np.int64), a.indices.astype(np.int64), a.data.astype(kind))
     order, room = _order(a)
     eliminate = _eliminate_complex if is_complex else _eliminate_real
     place, ended = np.full(n, NONE, np.int64), FULL
@@ -111,7 +111,7 @@ def factors(a: Any, kind: type) -> Factors:
             entries(np.zeros(n + 1, np.int64), np.zeros(room, np.int64), np.zeros(room, kind)) for _ in range(2)
         )
         place[:] = NONE
-        ended = eliminate(given, order, lower, upper, place, np.zeros(n, kind), np.zeros((4, n), np.int64))
+        ended = eliminate(matrix_entries, order, lower, upper, place, np.zeros(n, kind), np.zeros((4, n), np.int64))
         room *= 2
     if ended == SINGULAR:
         raise np.linalg.LinAlgError("singular matrix")
@@ -125,14 +125,14 @@ def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
     return substitute(factors(a, complex if np.result_type(a.dtype, b, float) == np.complex128 else float), b)
 
 
-def substitute(factors: Factors, b: NDArray[Any]) -> NDArray[Any]:
+def substitute(lu: Factors, b: NDArray[Any]) -> NDArray[Any]:
     """Solve L U x = b for a vector or matrix b, in the numbers of the factors."""
-    kind, n = factors.lower.value.dtype, len(factors.order)
+    kind, n = lu.lower.value.dtype, len(lu.order)
     x = np.zeros((n, b.size // n if n else 0), kind)
-    x[factors.place] = b.reshape(x.shape)
-    (_substitute_complex if kind == np.complex128 else _substitute_real)(factors.lower, factors.upper, x)
+    x[lu.place] = b.reshape(x.shape)
+    (_substitute_complex if kind == np.complex128 else _substitute_real)(lu.lower, lu.upper, x)
     solution = np.zeros_like(x)
-    solution[factors.order] = x
+    solution[lu.order] = x
     return solution.reshape(b.shape)
 
 
@@ -158,9 +158,9 @@ def _reach(rows: Int1, lower: Entries, place: Int1, k: int, room: Int2) -> int:
 
     Depth-first search through the columns of `lower`, so that each column precedes those that it changes.
     """
-    found, stack, following, seen = room[0], room[1], room[2], room[3]
+    reached, stack, following, seen = room[0], room[1], room[2], room[3]
     begin, below = lower.begin, lower.row
-    top = found.size
+    top = reached.size
     for start in rows:
         if seen[start] == k + 1:
             continue
@@ -184,13 +184,13 @@ def _reach(rows: Int1, lower: Entries, place: Int1, k: int, room: Int2) -> int:
             if not deeper:
                 head -= 1
                 top -= 1
-                found[top] = row
+                reached[top] = row
     return top  # type: ignore[no-any-return]
 
 
 @compiled
 def _eliminate(
-    given: Entries, order: Int1, lower: Entries, upper: Entries, place: Int1, x: NDArray[Any], room: Int2
+    matrix: Entries, order: Int1, lower: Entries, upper: Entries, place: Int1, x: NDArray[Any], room: Int2
 ) -> int:
     """L and U of a matrix with ordered columns, and the place of each row; SINGULAR, FULL or the number of columns.
 
@@ -201,12 +201,12 @@ def _eliminate(
     for k in range(n):
         if of_lower + n > lower.row.size or of_upper + n > upper.row.size:
             return FULL
-        rows = given.row[given.begin[order[k]] : given.begin[order[k] + 1]]
+        rows = matrix.row[matrix.begin[order[k]] : matrix.begin[order[k] + 1]]
         top = _reach(rows, lower, place, k, room)
         for i in room[0][top:]:
             x[i] = 0.0
-        for p in range(given.begin[order[k]], given.begin[order[k] + 1]):
-            x[given.row[p]] = given.value[p]
+        for p in range(matrix.begin[order[k]], matrix.begin[order[k] + 1]):
+            x[matrix.row[p]] = matrix.value[p]
         pivot, largest = NONE, 0.0
         for i in room[0][top:]:
             column = place[i]
@@ -253,9 +253,9 @@ def _substitute(lower: Entries, upper: Entries, x: NDArray[Any]) -> None:
 
 @entry_point
 def _eliminate_real(
-    given: Entries, order: Int1, lower: Entries, upper: Entries, place: Int1, x: Float1, room: Int2
+    matrix: Entries, order: Int1, lower: Entries, upper: Entries, place: Int1, x: Float1, room: Int2
 ) -> int:
-    return _eliminate(given, order, lower, upper, place, x, room)
+    return _eliminate(matrix, order, lower, upper, place, x, room)
 
 
 @entry_point
@@ -265,7 +265,7 @@ def _substitute_real(lower: Entries, upper: Entries, x: Float2) -> None:
 
 @entry_point
 def _eliminate_complex(
-    given: ComplexEntries,
+    matrix: ComplexEntries,
     order: Int1,
     lower: ComplexEntries,
     upper: ComplexEntries,
@@ -273,7 +273,7 @@ def _eliminate_complex(
     x: Complex1,
     room: Int2,
 ) -> int:
-    return _eliminate(given, order, lower, upper, place, x, room)
+    return _eliminate(matrix, order, lower, upper, place, x, room)
 
 
 @entry_point

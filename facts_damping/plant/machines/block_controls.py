@@ -42,14 +42,14 @@ def control(data: Any) -> Control:
     Raises `InputError` if blocks form an algebraic loop.
     """
     model = MODELS[data.model]
-    own = _in_order([_plain(block, data) for block in _spread(model.blocks, data)], data)
-    signals = {name: i for i, name in enumerate([*kernel.SENSED, *(block.name for block in own)])}
+    blocks = _in_order([_plain(block, data) for block in _spread(model.blocks, data)], data)
+    signals = {name: i for i, name in enumerate([*kernel.SENSED, *(block.name for block in blocks)])}
     signals |= {
         "input": signals[INPUTS[int(getattr(data, "IC", 1))]],
         "input_2": signals[INPUTS[int(getattr(data, "IC2", 0))]],
     }
-    rows, states = np.zeros(len(own), kernel.BLOCK), list[str]()
-    for row, block in zip(rows, own, strict=True):
+    rows, states = np.zeros(len(blocks), kernel.BLOCK), list[str]()
+    for row, block in zip(rows, blocks, strict=True):
         row["kind"], row["state"] = kernel.KINDS.index(block.kind), kernel.STATELESS
         for i, (name, weight) in enumerate(_inputs(block.inputs, data)):
             row["source"][i], row["weight"][i] = signals[name], weight
@@ -61,7 +61,7 @@ def control(data: Any) -> Control:
         if block.states:
             row["state"] = len(states)
             states += [block.name, f"{block.name}_rate"][: block.states]
-    return Control(rows, [block.name for block in own], states)
+    return Control(rows, [block.name for block in blocks], states)
 
 
 class _Plain(NamedTuple):
@@ -87,7 +87,7 @@ def _number(constant: Any, data: Any) -> float:
 
 def _plain(block: Block, data: Any) -> _Plain:
     """The block in the kernel's numbers; a block with zero time constant has no state."""
-    kind, c = block.kind, [_number(one, data) for one in block.constants]
+    kind, c = block.kind, [_number(constant, data) for constant in block.constants]
     p, states = (1.0, 0.0, 0.0, 0.0), 0
     if kind == "lag":
         p, states = (c[0], c[1], 0.0, 0.0), int(c[1] > 0.0)
@@ -115,39 +115,39 @@ def _plain(block: Block, data: Any) -> _Plain:
         p = (turned.real, turned.imag, behind.real, behind.imag)
     elif kind == "rectifier":
         p = (c[0], 0.0, 0.0, 0.0)
-    low, high = (None if one is None else _number(one, data) for one in (block.low, block.high))
+    low, high = (None if limit is None else _number(limit, data) for limit in (block.low, block.high))
     return _Plain(block.name, kind, block.inputs, p, states, low, high, block.low_of, block.high_of)
 
 
 def _spread(blocks: Sequence[Block], data: Any) -> list[Block]:
     """Expand ramp-tracking filters ((1 + s T8) / (1 + s T9)^M)^N to lead-lags and lags in series."""
-    made: list[Block] = []
+    simple: list[Block] = []
     for block in blocks:
         if block.kind != "ramp_tracking":
-            made.append(block)
+            simple.append(block)
             continue
-        lead, lag, maximum, times = (_number(one, data) for one in block.constants)
+        lead, lag, maximum, times = (_number(constant, data) for constant in block.constants)
         parts = [(1.0, lead, lag) if i % max(1, int(maximum)) == 0 else (1.0, lag) for i in range(int(maximum * times))]
         before = block.inputs
         for i, constants in enumerate(parts):
             name = block.name if i == len(parts) - 1 else f"{block.name}_{i + 1}"
-            made.append(Block(name, "lead_lag" if len(constants) == 3 else "lag", before, constants))
+            simple.append(Block(name, "lead_lag" if len(constants) == 3 else "lag", before, constants))
             before = name
         if not parts:
-            made.append(Block(block.name, "sum", block.inputs))
-    return made
+            simple.append(Block(block.name, "sum", block.inputs))
+    return simple
 
 
 def _inputs(text: str, data: Any) -> list[tuple[str, float]]:
     """Signals and weights of an expression such as "Vref - K1 * VT"."""
-    found = []
+    weighted = []
     for sign, factor, name in re.findall(r"([+-]?)\s*(?:(\w+)\s*\*\s*)?(\w+)", text):
         weight = 1.0
         if factor:
             derived = MODELS[data.model].factors
             weight = derived[factor](data) if factor in derived else _number(factor, data)
-        found.append((name, -weight if sign == "-" else weight))
-    return found
+        weighted.append((name, -weight if sign == "-" else weight))
+    return weighted
 
 
 def _in_order(blocks: Sequence[_Plain], data: Any) -> list[_Plain]:
@@ -155,9 +155,9 @@ def _in_order(blocks: Sequence[_Plain], data: Any) -> list[_Plain]:
     done, left = list[_Plain](), list(blocks)
     known = {*kernel.SENSED, "input", "input_2"}
     while left:
-        ready = next((one for one in left if _needs(one, data) <= known), None)
+        ready = next((block for block in left if _needs(block, data) <= known), None)
         if ready is None:
-            names = ", ".join(one.name for one in left)
+            names = ", ".join(block.name for block in left)
             raise InputError(
                 f"{data.model} of {data.machine}: an algebraic loop: {names}; allowed: a time constant above 0"
             )
@@ -202,20 +202,20 @@ class Rest(NamedTuple):
 
 
 def at_rest(
-    control: Control, data: Any, sensed: Mapping[str, float], gives: float | None, reference: str | None
+    block_control: Control, data: Any, sensed: Mapping[str, float], gives: float | None, reference: str | None
 ) -> Rest:
     """States and the value of the signal `reference` for which a control's output is `gives` at steady state.
 
     It is solved by Newton's method without limits. Raises `InputError` if there is no steady state.
     """
-    s = np.zeros(len(kernel.SENSED) + len(control.rows))
+    s = np.zeros(len(kernel.SENSED) + len(block_control.rows))
     for name, value in {"one": 1.0, **sensed}.items():
         s[kernel.SENSED.index(name)] = value
-    free = control.rows.copy()
+    free = block_control.rows.copy()
     free["low"], free["high"] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["low_of"] = free["high_of"] = kernel.ONE
-    given = control.gives.index(GIVES[MODELS[data.model].role])
-    n, at = len(control.states), len(kernel.SENSED)
+    output = block_control.gives.index(GIVES[MODELS[data.model].role])
+    n, at = len(block_control.states), len(kernel.SENSED)
 
     def moves(z: Float1) -> Float1:
         x, dx = np.ascontiguousarray(z[:n]), np.zeros(n)
@@ -223,7 +223,7 @@ def at_rest(
             s[kernel.SENSED.index(reference)] = z[n]
         kernel.outputs(free, 0, len(free), at, x, s)
         kernel.derivatives(free, 0, len(free), x, s, dx)
-        return np.append(dx, s[at + given] - gives) if reference is not None and gives is not None else dx
+        return np.append(dx, s[at + output] - gives) if reference is not None and gives is not None else dx
 
     z = np.full(n + (reference is not None), 1.0 if gives is None else gives)
     for _ in range(50):
@@ -234,18 +234,18 @@ def at_rest(
         z = z - least_squares(np.array(slopes).T, left)
     else:
         raise InputError(f"{data.model} of {data.machine}: no steady state found at the start")
-    return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _violations(control, data, s))
+    return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _violations(block_control, data, s))
 
 
-def _violations(control: Control, data: Any, s: Float1) -> list[LimitViolation]:
+def _violations(block_control: Control, data: Any, s: Float1) -> list[LimitViolation]:
     """Limits violated by the signals of a control whose steady state was found without limits."""
-    found, fields = list[LimitViolation](), {block.name: block for block in MODELS[data.model].blocks}
-    for row, name, value in zip(control.rows, control.gives, s[len(kernel.SENSED) :], strict=True):
+    wrong, fields = list[LimitViolation](), {block.name: block for block in MODELS[data.model].blocks}
+    for row, name, value in zip(block_control.rows, block_control.gives, s[len(kernel.SENSED) :], strict=True):
         low, high = row["low"] * s[row["low_of"]], row["high"] * s[row["high_of"]]
         if low - 1e-9 <= value <= high + 1e-9:
             continue
         side, of = ("low", row["low_of"]) if value < low else ("high", row["high_of"])
         limit = getattr(fields[name], side)
         field = limit if isinstance(limit, str) else None
-        found.append(LimitViolation(data, name, float(value), float(low), float(high), field, float(value / s[of])))
-    return found
+        wrong.append(LimitViolation(data, name, float(value), float(low), float(high), field, float(value / s[of])))
+    return wrong

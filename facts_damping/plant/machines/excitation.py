@@ -47,45 +47,45 @@ class ExciterStart(NamedTuple):
     states: list[float]
 
 
-def steady_state(exciter: Exciter | None, offset: int, voltage: float, field_voltage: float) -> ExciterStart:
+def steady_state(exciter: Exciter | None, offset: int, voltage: float, Efd: float) -> ExciterStart:
     """The row with the reference for the initial |V| and Efd (p.u.), and the initial states.
 
     static: xf = Efd, xb = Efd / KA, Vm = |V|, Vref = |V| + Efd / KA. dc: VR = (KE + SE) Efd,
     xf = KF / TF Efd, Vref = |V| + VR / KA. Raises `InputError` if the limits exclude them.
     """
-    made = np.zeros((), EXCITER)
+    row = np.zeros((), EXCITER)
     for name in ("Vm", "xf", "xb", "VR", "Efd"):
-        made[name] = ABSENT
+        row[name] = ABSENT
     if exciter is None:
-        made["code"], made["Vref"] = CONSTANT, field_voltage
-        return ExciterStart(made, [], [])
+        row["code"], row["Vref"] = CONSTANT, Efd
+        return ExciterStart(row, [], [])
     for name in FIELDS:
-        made[name] = getattr(exciter, name, 0.0)
-    made["code"] = CODES[exciter.model]
-    made["minimum"] = -math.inf if exciter.minimum is None else exciter.minimum
-    made["maximum"] = math.inf if exciter.maximum is None else exciter.maximum
+        row[name] = getattr(exciter, name, 0.0)
+    row["code"] = CODES[exciter.model]
+    row["minimum"] = -math.inf if exciter.minimum is None else exciter.minimum
+    row["maximum"] = math.inf if exciter.maximum is None else exciter.maximum
     present = {"Vm": voltage} if exciter.TR > 0 else {}
     if exciter.model == "static":
-        limited = regulator = field_voltage
+        limited = regulator = Efd
         if exciter.KF > 0:
-            present["xf"] = field_voltage
+            present["xf"] = Efd
         if exciter.TB > 0:
-            present["xb"] = field_voltage / exciter.KA
+            present["xb"] = Efd / exciter.KA
     else:
-        saturation = exciter.AEX * exp(exciter.BEX * field_voltage)
-        limited = regulator = (exciter.KE + saturation) * field_voltage
-        present |= {"VR": regulator, "Efd": field_voltage}
+        saturation = exciter.AEX * exp(exciter.BEX * Efd)
+        limited = regulator = (exciter.KE + saturation) * Efd
+        present |= {"VR": regulator, "Efd": Efd}
         if exciter.KF > 0:
-            present["xf"] = exciter.KF / exciter.TF * field_voltage
-    if not made["minimum"] <= limited <= made["maximum"]:
+            present["xf"] = exciter.KF / exciter.TF * Efd
+    if not row["minimum"] <= limited <= row["maximum"]:
         raise InputError(
-            f"exciters: {exciter.machine} needs a field voltage of {field_voltage:.3f} p.u. at the start; "
-            f"allowed by its limits: {made['minimum']:g} to {made['maximum']:g}"
+            f"exciters: {exciter.machine} needs a field voltage of {Efd:.3f} p.u. at the start; "
+            f"allowed by its limits: {row['minimum']:g} to {row['maximum']:g}"
         )
-    made["Vref"] = voltage + regulator / exciter.KA
+    row["Vref"] = voltage + regulator / exciter.KA
     for i, name in enumerate(present):
-        made[name] = offset + i
-    return ExciterStart(made, list(present), list(present.values()))
+        row[name] = offset + i
+    return ExciterStart(row, list(present), list(present.values()))
 
 
 @compiled

@@ -26,12 +26,12 @@ def row(governor: Governor | None, offset: int) -> Any:
     return (offset, *(getattr(governor, name) for name in FIELDS))
 
 
-def start(governor: Governor, power: float) -> Float1:
+def start(governor: Governor, mechanical_power: float) -> Float1:
     """Steady-state states for a mechanical power (p.u. of the rating): gate = flow = Pm / At + q_nl.
 
     Raises `InputError` if the gate's limits exclude it.
     """
-    gate = power / governor.At + governor.q_nl
+    gate = mechanical_power / governor.At + governor.q_nl
     if not governor.gate_min <= gate <= governor.gate_max:
         raise InputError(
             f"governors: {governor.machine} needs a gate of {gate:.3f} p.u. at the start; "

@@ -147,8 +147,8 @@ def rotor_circuits(m: Machine) -> RotorCircuits:
     if m.Xq1 is not None or m.model == "classical":
         return MODELS[m.model](m)
     names, A, B, C, W = MODELS[m.model](m.model_copy(update={"Xq1": m.Xq, "Tq01": 1.0}))
-    kept = [i for i, name in enumerate(names) if name != "Ed1"]
-    return RotorCircuits([names[i] for i in kept], A[np.ix_(kept, kept)], B[kept], C[:, kept], W[kept])
+    used = [i for i, name in enumerate(names) if name != "Ed1"]
+    return RotorCircuits([names[i] for i in used], A[np.ix_(used, used)], B[used], C[:, used], W[used])
 
 
 def stator_reactances(m: Machine) -> tuple[float, float]:
@@ -246,7 +246,7 @@ class _Trial(NamedTuple):
 
 def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, current: complex) -> _Trial:
     """A machine at a rotor angle: the EMF required by its stator, and that of its circuits."""
-    v, i = (complex(one) for one in times([voltage, current], rect(1.0, math.pi / 2 - delta)))
+    v, i = (complex(phasor) for phasor in times([voltage, current], rect(1.0, math.pi / 2 - delta)))
     emf = complex(v + float(row["Ra"]) * i + complex(-row["Xq"] * i.imag, row["Xd"] * i.real))
     psi = magnitude(emf)
     beyond = max(0.0, psi - float(row["saturation_A"]))
@@ -258,15 +258,15 @@ def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, cur
 
 def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArray[Any]:
     """A row of MACHINE; the caller sets `column` and `salient`."""
-    made = np.zeros((), MACHINE)
+    row = np.zeros((), MACHINE)
     n, ratio = len(c.names), m.rating / base_power
     d, q = stator_reactances(m)
-    made["offset"], made["circuits"] = offset, n
-    made["ratio"], made["H"], made["D"], made["Ra"], made["Xd"], made["Xq"] = ratio, m.H, m.D, m.Ra, d, q
-    made["speed"] = float(m.speed_voltage)
-    made["admittance"] = over(ratio, complex(m.Ra, d))
+    row["offset"], row["circuits"] = offset, n
+    row["ratio"], row["H"], row["D"], row["Ra"], row["Xd"], row["Xq"] = ratio, m.H, m.D, m.Ra, d, q
+    row["speed"] = float(m.speed_voltage)
+    row["admittance"] = over(ratio, complex(m.Ra, d))
     stator, alike = (solve(np.array([[m.Ra, -x], [d, m.Ra]]), np.eye(2)) for x in (q, d))
-    made["saliency"] = ratio * (stator - alike)
-    made["A"][:n, :n], made["B"][:n], made["C"][:, :n], made["W"][:n] = c.A, c.B, c.C, c.W
-    made["saturation_A"], made["saturation_B"] = saturation(m)
-    return made
+    row["saliency"] = ratio * (stator - alike)
+    row["A"][:n, :n], row["B"][:n], row["C"][:, :n], row["W"][:n] = c.A, c.B, c.C, c.W
+    row["saturation_A"], row["saturation_B"] = saturation(m)
+    return row

@@ -38,11 +38,11 @@ def space(
 ) -> Space:
     """The space of an arm that is searched; `network`: name and scheme of that of all arms; `where`: for `choice`."""
     if arm["kind"] == "searched":
-        made = choice(devices, arm["name"], **where)
-        return Space(made.size, lambda at: [made.controller(at).model_dump()])
+        controllers = choice(devices, arm["name"], **where)
+        return Space(controllers.size, lambda at: [controllers.controller(at).model_dump()])
     if arm["kind"] == "network":
-        made, more = choice(devices, **network, **where), {} if arm["learning"] else STILL
-        return Space(made.size, lambda at: [_with(made.controller(at).model_dump(), more)])
+        controllers, more = choice(devices, **network, **where), {} if arm["learning"] else STILL
+        return Space(controllers.size, lambda at: [_with(controllers.controller(at).model_dump(), more)])
     signals = {"devices": list(devices), "signals": ["frequency"]}
     if arm["policy"] == "IdentifiedLQG":
         return Space(
@@ -54,14 +54,14 @@ def space(
     lead = choice(devices, "LLC-tuned", **where)
 
     def adaptive(at: NDArray[Any]) -> list[dict[str, Any]]:
-        own = lead.controller(at[: lead.size]).parameters
-        kept = {name: own[name] for name in ("gain", "T1", "T2", "T3", "T4")}
+        parameters = lead.controller(at[: lead.size]).parameters
+        lead_lag = {name: parameters[name] for name in ("gain", "T1", "T2", "T3", "T4")}
         return [
             {
                 **signals,
                 "name": "adaptive",
                 "policy": f"{HERE}:AdaptiveGain",
-                "parameters": {**kept, **_values(GAINS, at[lead.size :])},
+                "parameters": {**lead_lag, **_values(GAINS, at[lead.size :])},
             }
         ]
 
@@ -69,7 +69,9 @@ def space(
 
 
 def _values(ranges: dict[str, Range], at: NDArray[Any]) -> dict[str, float]:
-    return {name: one.value(float(v)) for (name, one), v in zip(ranges.items(), at, strict=True)}
+    return {
+        name: parameter_range.value(float(v)) for (name, parameter_range), v in zip(ranges.items(), at, strict=True)
+    }
 
 
 def _with(row: dict[str, Any], parameters: dict[str, float]) -> dict[str, Any]:

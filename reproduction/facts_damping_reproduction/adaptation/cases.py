@@ -18,12 +18,12 @@ TRAINING, EVALUATION = 1, 2  # streams of random numbers
 def training(number_of: int, begin: float, after: float) -> list[dict[str, Any]]:
     """Cases for searches: the grid as designed for, one of each kind of event."""
     random = np.random.default_rng((TRAINING, 20261128))
-    found = []
+    cases = []
     for i in range(number_of):
-        one = {**usual(random, TWO_AREA), "scenario": event(random, TWO_AREA, i, begin)}
-        del one["load_noise.std"]
-        found.append(one | {"duration": round(begin + 1.0 + after, 3)})
-    return found
+        case = {**usual(random, TWO_AREA), "scenario": event(random, TWO_AREA, i, begin)}
+        del case["load_noise.std"]
+        cases.append(case | {"duration": round(begin + 1.0 + after, 3)})
+    return cases
 
 
 def evaluation(number_of: int, begin: float, after: float, seed: int) -> list[dict[str, Any]]:
@@ -33,7 +33,7 @@ def evaluation(number_of: int, begin: float, after: float, seed: int) -> list[di
 
 
 def _evaluation(random: Random, kind: str, i: int, begin: float, after: float) -> dict[str, Any]:
-    found = {
+    changes = {
         **usual(random, TWO_AREA),
         "scenario": _new_event(random, i, begin),
         "duration": round(begin + 1.5 + after, 3),
@@ -41,14 +41,14 @@ def _evaluation(random: Random, kind: str, i: int, begin: float, after: float) -
     if kind == "drift":
         moved = number(random, 60.0, 160.0) * (1.0 if random.random() < 0.5 else -1.0)  # MW over the tie
         times = np.linspace(*DRIFT, STEPS)
-        found["scenario"] = [
+        changes["scenario"] = [
             *_steps("load_1", -moved / 967.0, times),
             *_steps("load_2", moved / 1767.0, times),
-        ] + found["scenario"]
+        ] + changes["scenario"]
     if kind == "wrong model":
         for fields in TWO_AREA.wrong.values():
-            found |= scaled(fields, number(random, 0.7, 1.3))
-    return {"kind": kind, "set": found}
+            changes |= scaled(fields, number(random, 0.7, 1.3))
+    return {"kind": kind, "set": changes}
 
 
 def _steps(load: str, change: float, times: np.ndarray[Any, Any]) -> list[dict[str, Any]]:

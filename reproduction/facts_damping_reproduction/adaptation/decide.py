@@ -37,7 +37,7 @@ class Ratio(NamedTuple):
 def logs(experiment: Mapping[str, Any], arm: str) -> NDArray[np.float64]:
     """Log index relative to no control, (search seeds, cases); a loss counts as in scores."""
     none = experiment["rows"][NONE, 0]
-    rows = [one for (name, _), one in sorted(experiment["rows"].items()) if name == arm]
+    rows = [row for (name, _), row in sorted(experiment["rows"].items()) if name == arm]
     return np.array(
         [[log_ratio(a.get("index"), b.get("index")) for a, b in zip(row, none, strict=True)] for row in rows]
     )
@@ -49,8 +49,8 @@ def ratio(every: Sequence[Mapping[str, Any]], arm: str, against: str, kinds: Seq
     `every`: the results of one experiment, or of repetitions, which count alike.
     """
     random = np.random.default_rng(len(kinds))
-    both = [_drawn(random, one, arm, against, kinds) for one in every]
-    middle, drawn = float(np.mean([one[0] for one in both])), np.mean([one[1] for one in both], axis=0)
+    both = [_drawn(random, experiment, arm, against, kinds) for experiment in every]
+    middle, drawn = float(np.mean([pair[0] for pair in both])), np.mean([pair[1] for pair in both], axis=0)
     tail = (1.0 - CONFIDENCE) / 2.0
     low, high = (float(x) for x in np.exp(np.quantile(drawn, [tail, 1.0 - tail])))
     return Ratio(arm, against, ", ".join(kinds), float(np.exp(middle)), low, high, decision(low, high, margin))
@@ -66,8 +66,8 @@ def _drawn(
     of_a, of_b, drawn = _weights(random, len(a)), _weights(random, len(b)), np.zeros(RESAMPLES)
     for group in groups:
         cases = _weights(random, len(group))
-        for own, seeds, sign in ((a, of_a, 1.0), (b, of_b, -1.0)):
-            drawn += sign / len(groups) * np.einsum("rs,sc,rc->r", seeds, own[:, group], cases)
+        for log_ratios, seeds, sign in ((a, of_a, 1.0), (b, of_b, -1.0)):
+            drawn += sign / len(groups) * np.einsum("rs,sc,rc->r", seeds, log_ratios[:, group], cases)
     return float(np.mean([(a.mean(axis=0) - b.mean(axis=0))[group].mean() for group in groups])), drawn
 
 
@@ -88,7 +88,14 @@ def decision(low: float, high: float, margin: float) -> str:
 def best_fixed(every: Sequence[Mapping[str, Any]], names: Sequence[str]) -> str:
     """The fixed arm whose searches ended lowest in training, on the mean over all."""
     values = {
-        name: np.mean([one["value"] for found in every for (arm, _), one in found["searches"].items() if arm == name])
+        name: np.mean(
+            [
+                searched["value"]
+                for experiment in every
+                for (arm, _), searched in experiment["searches"].items()
+                if arm == name
+            ]
+        )
         for name in names
     }
     return min(values, key=values.__getitem__)

@@ -58,8 +58,8 @@ class Search(NamedTuple):
 @cache
 def plan() -> dict[str, Any]:
     """The plan of the experiment."""
-    found: dict[str, Any] = yaml.safe_load(PLAN.read_text())
-    return found
+    content: dict[str, Any] = yaml.safe_load(PLAN.read_text())
+    return content
 
 
 def made(
@@ -78,18 +78,18 @@ def made(
 def index(record: Any, begin: float, after: float, deviations: NDArray[np.float64]) -> float:
     """ITAE from the event on, p.u. s^2."""
     t = record.time_s[: len(deviations)]
-    kept = (t >= begin) & (t <= begin + 1.5 + after)
-    return float(performance_indices(t[kept], deviations[kept], begin)["ITAE"])
+    inside = (t >= begin) & (t <= begin + 1.5 + after)
+    return float(performance_indices(t[inside], deviations[inside], begin)["ITAE"])
 
 
 def _trained(devices: Sequence[str], rows: Sequence[dict[str, Any]], begin: float) -> list[float | None]:
     """The index in each training case; None: synchronism is lost."""
-    after, found = plan()["evaluation"]["after"], list[float | None]()
+    after, indices = plan()["evaluation"]["after"], list[float | None]()
     for sets in training(plan()["search"]["cases"], begin, after):
         record = loop.run(made(devices, sets, rows, plan()["search"]["set"]))
         sound = record.in_synchronism.all()
-        found.append(index(record, begin, after, columns(speed_differences(record))) if sound else None)
-    return found
+        indices.append(index(record, begin, after, columns(speed_differences(record))) if sound else None)
+    return indices
 
 
 _free = cache(lambda devices, begin: _trained(devices, (), begin))
@@ -112,7 +112,7 @@ def search(
 
 def evolve(
     where: Space,
-    objective: Callable[[list[dict[str, Any]]], float],
+    loss: Callable[[list[dict[str, Any]]], float],
     task: dict[str, Any],
     seed: int,
     generations: int | None = None,
@@ -128,8 +128,8 @@ def evolve(
         before = curve[-1 - task["patience"]] if len(curve) > task["patience"] else np.inf
         return bool(before - curve[-1] < task["better"])
 
-    found = differential_evolution(
-        lambda at: objective(where.rows(at)),
+    optimum = differential_evolution(
+        lambda at: loss(where.rows(at)),
         [(0.0, 1.0)] * where.size,
         init=start,
         maxiter=(generations or task["generations"]) - 1,
@@ -138,7 +138,7 @@ def evolve(
         polish=False,
         callback=ended,
     )
-    return Search(where.rows(found.x), float(found.fun), curve, int(found.nfev) * task["cases"])
+    return Search(where.rows(optimum.x), float(optimum.fun), curve, int(optimum.nfev) * task["cases"])
 
 
 def measured(
@@ -183,15 +183,15 @@ def _search_task(
 
 def _network_task(network: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     devices = next(iter(plan()["sets"].values()))["devices"]
-    found = search(devices, {"kind": "network", "learning": True}, network, 0, FIRST_GENERATIONS)
-    return json.dumps(network), found._asdict()
+    best = search(devices, {"kind": "network", "learning": True}, network, 0, FIRST_GENERATIONS)
+    return json.dumps(network), best._asdict()
 
 
 def _evaluation_task(
     devices: Sequence[str], cases: list[dict[str, Any]], task: tuple[str, int, list[dict[str, Any]], bool]
 ) -> Any:
     arm, seed, rows, frozen = task
-    return arm, seed, [measured(devices, one["set"], rows, frozen=frozen) for one in cases]
+    return arm, seed, [measured(devices, case["set"], rows, frozen=frozen) for case in cases]
 
 
 def run(folder: Path, jobs: int, scheduler: str | None, seed: int) -> dict[int, dict[str, dict[str, Any]]]:
@@ -202,18 +202,18 @@ def run(folder: Path, jobs: int, scheduler: str | None, seed: int) -> dict[int, 
     with workers(jobs, scheduler) as each:
         _of_seed(folder, seed, each)
     whole = sorted(int(path.parent.name.removeprefix("seed_")) for path in folder.glob(f"seed_*/{WHOLE}"))
-    return {one: _of_seed(folder, one, map) for one in whole}
+    return {whole_seed: _of_seed(folder, whole_seed, map) for whole_seed in whole}
 
 
 def _of_seed(folder: Path, seed: int, each: Any) -> dict[str, dict[str, Any]]:
     own_folder = folder / f"seed_{seed}"
-    found = {
-        name: _of_set(own_folder / name.replace(" ", "_"), own["devices"], seed, each)
-        for name, own in plan()["sets"].items()
-        if seed in own.get("seeds", [seed])
+    results = {
+        name: _of_set(own_folder / name.replace(" ", "_"), device_set["devices"], seed, each)
+        for name, device_set in plan()["sets"].items()
+        if seed in device_set.get("seeds", [seed])
     }
     write_whole(own_folder / WHOLE, "")
-    return found
+    return results
 
 
 def arms_of(devices: Sequence[str]) -> dict[str, Any]:
@@ -226,19 +226,19 @@ def _of_set(folder: Path, devices: Sequence[str], seed: int, each: Any) -> dict[
     network, arms = _chosen(folder.parent, each), arms_of(devices)
     asked = [name for name, arm in arms.items() if arm["kind"] not in ("fixed", "frozen")]
     todo = [(name, 1000 * seed + s) for s in range(plan()["search"]["seeds"]) for name in asked]
-    found = kept(folder, "search", todo, partial(_search_task, devices, network), each)
-    searches = {(name, one): result for name, one, result in found}
+    searched = kept(folder, "search", todo, partial(_search_task, devices, network), each)
+    searches = {(name, run_seed): result for name, run_seed, result in searched}
     task = plan()["evaluation"]
     cases = evaluation(task["cases"], task["begin"], task["after"], seed)
     lead = {"name": "LLC", "signals": ["frequency"], "devices": list(devices)}
     tasks: list[Any] = [(NONE, 0, [], False), ("LLC", 0, [lead], False)]
-    for (name, one), result in searches.items():
-        tasks.append((name, one, result["rows"], False))
+    for (name, search_seed), result in searches.items():
+        tasks.append((name, search_seed, result["rows"], False))
         frozen = [other for other, arm in arms.items() if arm.get("of") == name]
-        tasks += [(other, one, result["rows"], True) for other in frozen]
-    found = kept(folder, "evaluation", tasks, partial(_evaluation_task, devices, cases), each)
-    rows = {(name, one): result for name, one, result in found}
-    kinds = [one["kind"] for one in cases]
+        tasks += [(other, search_seed, result["rows"], True) for other in frozen]
+    evaluated = kept(folder, "evaluation", tasks, partial(_evaluation_task, devices, cases), each)
+    rows = {(name, run_seed): result for name, run_seed, result in evaluated}
+    kinds = [case["kind"] for case in cases]
     return {"network": network, "arms": list(arms), "searches": searches, "rows": rows, "kinds": kinds}
 
 
@@ -246,8 +246,8 @@ def _chosen(folder: Path, each: Any) -> dict[str, Any]:
     """The network that is best in training with the first seed and the first set of devices."""
     path = folder / "network.json"
     if not path.exists():
-        found = dict(each(_network_task, plan()["networks"]))
-        write_whole(path, json.dumps({name: one["value"] for name, one in found.items()}))
+        searches = dict(each(_network_task, plan()["networks"]))
+        write_whole(path, json.dumps({name: result["value"] for name, result in searches.items()}))
     values = json.loads(path.read_text())
     chosen: dict[str, Any] = json.loads(min(values, key=values.__getitem__))
     return chosen
@@ -261,7 +261,7 @@ def kept(folder: Path, what: str, todo: Sequence[Any], function: Any, each: Any)
     }
     missing = [task for task in todo if not paths[task[0], task[1]].exists()]
     with Progress("adaptation", what) as progress:
-        for done, (name, seed, found) in enumerate(each(function, missing)):
-            write_whole(paths[name, seed], json.dumps(found))
+        for done, (name, seed, result) in enumerate(each(function, missing)):
+            write_whole(paths[name, seed], json.dumps(result))
             progress(len(todo) - len(missing) + done + 1, len(todo))
     return [(name, seed, json.loads(path.read_text())) for (name, seed), path in paths.items()]

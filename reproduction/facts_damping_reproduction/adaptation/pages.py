@@ -53,27 +53,31 @@ QUESTIONS = (
 def questions(every: Every) -> list[Question]:
     """The questions that the arms permit, with the fixed controller that was best in training."""
     best = decide.best_fixed(every, FIXED)
-    known = [one._replace(against=best) if one.against == BEST else one for one in QUESTIONS]
-    return [one for one in known if {one.arm, one.against}.issubset(every[0]["arms"])]
+    known = [question._replace(against=best) if question.against == BEST else question for question in QUESTIONS]
+    return [question for question in known if {question.arm, question.against}.issubset(every[0]["arms"])]
 
 
 def ratios(every: Every) -> list[Ratio]:
     """Every arm against no control, and the pairs of the questions, in each kind of cases and where the grid moved."""
     margin, kinds = plan()["margin"], [(kind,) for kind in KINDS]
-    asked = [(one.arm, one.against) for one in questions(every)]
+    asked = [(question.arm, question.against) for question in questions(every)]
     pairs = dict.fromkeys([*((arm, NONE) for arm in every[0]["arms"]), *asked])
-    return [decide.ratio(every, *pair, own, margin) for pair in pairs for own in (*kinds, MOVED, KINDS)]
+    return [decide.ratio(every, *pair, group, margin) for pair in pairs for group in (*kinds, MOVED, KINDS)]
 
 
-def of(ratios: Sequence[Ratio], arm: str, against: str, kinds: Sequence[str]) -> Ratio:
+def of(comparisons: Sequence[Ratio], arm: str, against: str, kinds: Sequence[str]) -> Ratio:
     """One of the ratios."""
-    return next(one for one in ratios if (one.arm, one.against, one.kinds) == (arm, against, ", ".join(kinds)))
+    return next(
+        comparison
+        for comparison in comparisons
+        if (comparison.arm, comparison.against, comparison.kinds) == (arm, against, ", ".join(kinds))
+    )
 
 
-def answers(every: Every, ratios: Sequence[Ratio]) -> list[str]:
+def answers(every: Every, comparisons: Sequence[Ratio]) -> list[str]:
     """The question's answers, one sentence each."""
     main, same, *others = questions(every)
-    first, nominal = of(ratios, *main[1:]), of(ratios, *same[1:])
+    first, nominal = of(comparisons, *main[1:]), of(comparisons, *same[1:])
     cost = "it costs something" if nominal.decision == WORSE else "it is not shown to cost anything"
     moved, learns = "where the grid has moved or the model is wrong", "the neuro-fuzzy controller that learns"
     lines = [
@@ -81,34 +85,44 @@ def answers(every: Every, ratios: Sequence[Ratio]) -> list[str]:
         f"Where the grid is as it was designed for, {cost}: {nominal.text()} against `{nominal.against}`.",
     ]
     for asked in others:
-        one = of(ratios, *asked[1:])
-        lines.append(f"{asked.words[0].upper()}{asked.words[1:]}: {SAYS[one.decision].lower()}, {one.text()}.")
+        comparison = of(comparisons, *asked[1:])
+        lines.append(
+            f"{asked.words[0].upper()}{asked.words[1:]}: {SAYS[comparison.decision].lower()}, {comparison.text()}."
+        )
     return lines
 
 
-def rows(ratios: Mapping[str, Sequence[Ratio]]) -> list[dict[str, Any]]:
+def rows(ratios_by_devices: Mapping[str, Sequence[Ratio]]) -> list[dict[str, Any]]:
     """For the CSV: the ratios by the devices."""
-    return [{"devices": devices, **one._asdict()} for devices, own in ratios.items() for one in own]
+    return [
+        {"devices": devices, **comparison._asdict()}
+        for devices, comparisons in ratios_by_devices.items()
+        for comparison in comparisons
+    ]
 
 
-def arm_table(every: Every, ratios: Sequence[Ratio]) -> list[str]:
+def arm_table(every: Every, comparisons: Sequence[Ratio]) -> list[str]:
     """A row for each arm: change against no control by kind, searches, damping, effort."""
     lines = []
     for arm in every[0]["arms"]:
-        own = [row for found in every for (name, _), some in found["rows"].items() if name == arm for row in some]
-        searched = [one for found in every for (name, _), one in found["searches"].items() if name == arm]
-        loops = f"{sum(one['loops'] for one in searched)}" if searched else "-"
-        values = [one["value"] for one in searched]
+        runs = [
+            row for experiment in every for (name, _), some in experiment["rows"].items() if name == arm for row in some
+        ]
+        searched = [
+            result for experiment in every for (name, _), result in experiment["searches"].items() if name == arm
+        ]
+        loops = f"{sum(result['loops'] for result in searched)}" if searched else "-"
+        values = [result["value"] for result in searched]
         ends = f"{np.mean(values):.2f} ({np.std(values):.2f})" if values else "-"
-        damping = [row["damping_ratio"] for row in own if not row["lost"] and row["damping_ratio"] is not None]
-        efforts = [row["effort"] for row in own if not row["lost"]]
+        damping = [row["damping_ratio"] for row in runs if not row["lost"] and row["damping_ratio"] is not None]
+        efforts = [row["effort"] for row in runs if not row["lost"]]
         lines.append(
             [
                 arm,
-                *(of(ratios, arm, NONE, (kind,)).text() for kind in KINDS),
+                *(of(comparisons, arm, NONE, (kind,)).text() for kind in KINDS),
                 f"{100 * np.median(damping):.1f}" if damping else "-",
                 f"{100 * np.mean(efforts):.1f}" if efforts else "-",
-                str(sum(row["lost"] for row in own)) + f" of {len(own)}",
+                str(sum(row["lost"] for row in runs)) + f" of {len(runs)}",
                 loops,
                 ends,
             ]
@@ -117,43 +131,52 @@ def arm_table(every: Every, ratios: Sequence[Ratio]) -> list[str]:
     return table(heads, lines, 1, markdown=True)
 
 
-def pair_table(every: Every, ratios: Sequence[Ratio]) -> list[str]:
+def pair_table(every: Every, comparisons: Sequence[Ratio]) -> list[str]:
     """The pairs of the questions."""
     lines = [
         [
             arm,
             against,
-            *(of(ratios, arm, against, kinds).text() for kinds in (*((kind,) for kind in KINDS), MOVED)),
-            of(ratios, arm, against, MOVED).decision,
+            *(of(comparisons, arm, against, kinds).text() for kinds in (*((kind,) for kind in KINDS), MOVED)),
+            of(comparisons, arm, against, MOVED).decision,
         ]
-        for arm, against in dict.fromkeys((one.arm, one.against) for one in questions(every))
+        for arm, against in dict.fromkeys((question.arm, question.against) for question in questions(every))
     ]
     return table(["arm", "against", *KINDS, "both of these", "decision"], lines, 2, markdown=True)
 
 
-def repetitions(every: Mapping[int, Mapping[str, Any]], ratios: Sequence[Ratio]) -> list[str]:
-    """The answer of each repetition, by its seed, of all together (`ratios`), and how many decide as these do."""
+def repetitions(every: Mapping[int, Mapping[str, Any]], comparisons: Sequence[Ratio]) -> list[str]:
+    """The answer of each repetition, by its seed, of all together (`comparisons`), and how many decide as these do."""
     lines = []
     for asked in questions(list(every.values())):
-        first = of(ratios, asked.arm, asked.against, asked.kinds)
-        own = [decide.ratio([one], asked.arm, asked.against, asked.kinds, plan()["margin"]) for one in every.values()]
-        alike = sum(one.decision == first.decision for one in own)
-        cells = [f"{one.text()}: {one.decision}" for one in (*own, first)]
-        lines.append([asked.words, *cells, f"{alike} of {len(own)}"])
+        first = of(comparisons, asked.arm, asked.against, asked.kinds)
+        decisions = [
+            decide.ratio([experiment], asked.arm, asked.against, asked.kinds, plan()["margin"])
+            for experiment in every.values()
+        ]
+        alike = sum(decision.decision == first.decision for decision in decisions)
+        cells = [f"{decision.text()}: {decision.decision}" for decision in (*decisions, first)]
+        lines.append([asked.words, *cells, f"{alike} of {len(decisions)}"])
     heads = ["question", *(f"seed {seed}" for seed in every), "all together", "decide so"]
     return table(heads, lines, 1, markdown=True)
 
 
-def plot(ratios: Sequence[Ratio], path: Path) -> Path:
+def plot(comparisons: Sequence[Ratio], path: Path) -> Path:
     """Change against no control by arm, a colour for each kind of cases."""
-    arms = list(dict.fromkeys(one.arm for one in ratios))
+    arms = list(dict.fromkeys(comparison.arm for comparison in comparisons))
     figure = Figure(figsize=(6.5, 1.0 + 0.5 * len(arms)), layout="constrained")
     axes = figure.subplots()
     for i, (kind, colour) in enumerate(zip(KINDS, COLOURS, strict=False)):
-        own = [of(ratios, arm, NONE, (kind,)) for arm in arms]
+        shown = [of(comparisons, arm, NONE, (kind,)) for arm in arms]
         at = [j + 0.2 * (i - 1) for j in range(len(arms))]
-        axes.hlines(at, [one.low for one in own], [one.high for one in own], color=colour, lw=1.5)
-        axes.plot([one.ratio for one in own], at, "o", color=colour, ms=5, label=kind)
+        axes.hlines(
+            at,
+            [comparison.low for comparison in shown],
+            [comparison.high for comparison in shown],
+            color=colour,
+            lw=1.5,
+        )
+        axes.plot([comparison.ratio for comparison in shown], at, "o", color=colour, ms=5, label=kind)
     axes.set_yticks(range(len(arms)), arms)
     axes.invert_yaxis()
     axes.axvline(1.0, color="black", lw=0.8)
@@ -170,9 +193,9 @@ def plot_searches(every: Every, path: Path) -> Path:
     """The best of training over the generations, a line for each search."""
     figure = Figure(figsize=(6.5, 3.6), layout="constrained")
     axes = figure.subplots()
-    found = [(arm, one) for one in every for (arm, _), one in one["searches"].items()]
-    for arm, colour in zip(dict.fromkeys(arm for arm, _ in found), COLOURS, strict=False):
-        curves = [one["curve"] for name, one in found if name == arm]
+    searches = [(arm, result) for result in every for (arm, _), result in result["searches"].items()]
+    for arm, colour in zip(dict.fromkeys(arm for arm, _ in searches), COLOURS, strict=False):
+        curves = [result["curve"] for name, result in searches if name == arm]
         for i, curve in enumerate(curves):
             axes.plot(np.arange(1, len(curve) + 1), curve, color=colour, lw=0.8, label=None if i else arm)
     axes.set(xlabel="generation", ylabel="best of training: log index relative to no control")
@@ -183,35 +206,38 @@ def plot_searches(every: Every, path: Path) -> Path:
 
 def by_devices(every: Mapping[int, Mapping[str, Mapping[str, Any]]]) -> dict[str, Every]:
     """The results of each set of devices that has some, from results by seed, then devices."""
-    found = {name: [own[name] for own in every.values() if name in own] for name in plan()["sets"]}
-    return {name: own for name, own in found.items() if own}
+    by_set = {name: [of_seed[name] for of_seed in every.values() if name in of_seed] for name in plan()["sets"]}
+    return {name: experiments for name, experiments in by_set.items() if experiments}
 
 
 def write(
-    every: Mapping[int, Mapping[str, Mapping[str, Any]]], ratios: Mapping[str, Sequence[Ratio]], folder: Path
+    every: Mapping[int, Mapping[str, Mapping[str, Any]]], ratios_by_devices: Mapping[str, Sequence[Ratio]], folder: Path
 ) -> list[Path]:
     """The page, the figures, and all ratios as CSV; returns the paths.
 
-    `every`: results by seed, then devices; `ratios`: their ratios by devices.
+    `every`: results by seed, then devices; `ratios_by_devices`: their ratios by devices.
     """
     (name, first), *others = by_devices(every).items()
-    csv.write_csv(arrow(rows(ratios)), folder / "what_holds.csv")
-    made = [plot(ratios[name], folder / "what_holds.png"), plot_searches(first, folder / "searches.png")]
+    csv.write_csv(arrow(rows(ratios_by_devices)), folder / "what_holds.csv")
+    pictures = [plot(ratios_by_devices[name], folder / "what_holds.png"), plot_searches(first, folder / "searches.png")]
     values: dict[str, Any] = {
         "question": plan()["question"].strip(),
         "rule": plan()["rule"].strip(),
-        "answers": "\n".join(f"- {line}" for line in answers(first, ratios[name])),
-        "arms": "\n".join(arm_table(first, ratios[name])),
-        "pairs": "\n".join(pair_table(first, ratios[name])),
+        "answers": "\n".join(f"- {line}" for line in answers(first, ratios_by_devices[name])),
+        "arms": "\n".join(arm_table(first, ratios_by_devices[name])),
+        "pairs": "\n".join(pair_table(first, ratios_by_devices[name])),
         "network": f"`{first[0]['network']['name']}` {first[0]['network']['scheme']}",
         "cases": str(len(first[0]["kinds"])),
         "seeds": str(plan()["search"]["seeds"]),
         "repeated": len(every) - 1,
-        "repetitions": "\n".join(repetitions(dict(zip(every, first, strict=True)), ratios[name])),
+        "repetitions": "\n".join(repetitions(dict(zip(every, first, strict=True)), ratios_by_devices[name])),
         "both": [
-            {"arms": "\n".join(arm_table(own, ratios[devices])), "pairs": "\n".join(pair_table(own, ratios[devices]))}
-            for devices, own in others
+            {
+                "arms": "\n".join(arm_table(experiments, ratios_by_devices[devices])),
+                "pairs": "\n".join(pair_table(experiments, ratios_by_devices[devices])),
+            }
+            for devices, experiments in others
         ],
     }
     write_whole(folder / "what_holds.md", render("adaptation/what_holds.md", **values))
-    return [folder / "what_holds.md", *made, folder / "what_holds.csv"]
+    return [folder / "what_holds.md", *pictures, folder / "what_holds.csv"]

@@ -41,8 +41,8 @@ def plot(rows: Rows, path: Path) -> Path:
     panels: Any = figure.subplots(len(NAMES), 1, sharex=True)
     for axes, name in zip(panels, NAMES, strict=True):
         for pmus, delay, style in _lines():
-            own = [row for row in rows if (row["measurement"], row["delay_s"]) == (pmus, delay)]
-            axes.plot([row["gain"] for row in own], [100 * row[name] for row in own], **style)
+            shown = [row for row in rows if (row["measurement"], row["delay_s"]) == (pmus, delay)]
+            axes.plot([row["gain"] for row in shown], [100 * row[name] for row in shown], **style)
         title = name if name != "least damped" else f"least damped mode below {study.plan()['below']:g} Hz"
         axes.set_title(title, fontsize=9, loc="left")
         axes.set_ylabel("damping ratio [%]", fontsize=8)
@@ -86,7 +86,9 @@ def apart(linear: Rows, ringdown: Rows) -> float:
     """
     small = [row for row in ringdown if row["gain"] <= SMALL and row["delay_s"] < study.plan()["delays"][-1]]
     of_linear = [at(linear, gain=row["gain"], delay_s=row["delay_s"])["north-south B"] for row in small]
-    return max(float(abs(row["damping_ratio"] - own)) for row, own in zip(small, of_linear, strict=True))
+    return max(
+        float(abs(row["damping_ratio"] - linear_ratio)) for row, linear_ratio in zip(small, of_linear, strict=True)
+    )
 
 
 def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, Any]:
@@ -99,7 +101,7 @@ def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, Any]:
         for kind in study.plan()["events"]
     ]
     none = at(events, event="brake", gain=0)["ITAE"]
-    worse = [[one["failure"] for one in failures if one["supervised"] is flag and not one["ITAE"] <= HARM * none]
+    worse = [[row["failure"] for row in failures if row["supervised"] is flag and not row["ITAE"] <= HARM * none]
              for flag in (False, True)]  # fmt: skip
     return {
         **{
@@ -145,17 +147,24 @@ def tuned_table(rows: Rows) -> list[str]:
     """Each arm against no control and against the law, with the decision, and its effort in % of the limit."""
     law, lines = study.plan()["tuned"]["law"], []
     for arm in dict.fromkeys(row["arm"] for row in rows):
-        free, own = (_ratio(rows, arm, against) for against in (NONE, law))
+        free, over_law = (_ratio(rows, arm, against) for against in (NONE, law))
         effort = next(f"{100 * row['effort']:.0f} %" for row in rows if row["arm"] == arm)
-        lines.append([arm, free.text() if free else "-", *((own.text(), own.decision) if own else ("-", "-")), effort])
+        lines.append(
+            [
+                arm,
+                free.text() if free else "-",
+                *((over_law.text(), over_law.decision) if over_law else ("-", "-")),
+                effort,
+            ]
+        )
     return table(
         ["controller", "against no control", f"against the {law}", "decision", "effort"], lines, 1, markdown=True
     )
 
 
 def _ratio(rows: Rows, arm: str, against: str) -> Ratio | None:
-    own = [row for row in rows if (row["arm"], row["against"]) == (arm, against)]
-    return Ratio(**{name: own[0][name] for name in Ratio._fields}) if own else None
+    matching = [row for row in rows if (row["arm"], row["against"]) == (arm, against)]
+    return Ratio(**{name: matching[0][name] for name in Ratio._fields}) if matching else None
 
 
 def tuned_values(rows: Rows) -> dict[str, Any]:
@@ -163,12 +172,14 @@ def tuned_values(rows: Rows) -> dict[str, Any]:
     if not rows:
         return {"tuned": None}
     part = study.plan()["tuned"]
-    own = [row for row in rows if row["against"] == part["law"]]
+    against_law = [row for row in rows if row["against"] == part["law"]]
     decided = {
-        what: [row["arm"] for row in own if row["decision"] == what] for row in own for what in [row["decision"]]
+        what: [row["arm"] for row in against_law if row["decision"] == what]
+        for row in against_law
+        for what in [row["decision"]]
     }
-    loops, searches = sum(row["loops"] for row in own), part["search"]["seeds"] * len(own)
-    told = {
+    loops, searches = sum(row["loops"] for row in against_law), part["search"]["seeds"] * len(against_law)
+    texts = {
         "decided": "; ".join(f"{what}: {', '.join(f'`{name}`' for name in names)}" for what, names in decided.items()),
         "table": "\n".join(tuned_table(rows)),
         "cases": rows[0]["cases"],
@@ -176,7 +187,7 @@ def tuned_values(rows: Rows) -> dict[str, Any]:
         "margin": f"{100 * part['margin']:g} %",
         "points": round(loops / searches / part["search"]["cases"]),
     }
-    return {"tuned": told}
+    return {"tuned": texts}
 
 
 def page(tables: dict[str, Rows]) -> str:
@@ -190,15 +201,15 @@ def page(tables: dict[str, Rows]) -> str:
 
 def write(folder: Path) -> list[Path]:
     """Compute all of it and write it."""
-    made = {"linear": study.linear, "ringdown": study.ringdowns, "events": study.events, "failures": study.failures}
-    found = {name: compute() for name, compute in made.items()}
-    for name, rows in found.items():
+    studies = {"linear": study.linear, "ringdown": study.ringdowns, "events": study.events, "failures": study.failures}
+    tables = {name: compute() for name, compute in studies.items()}
+    for name, rows in tables.items():
         write_whole(folder / f"{name}.csv", as_csv(list(rows[0]), [list(row.values()) for row in rows]))
     before = folder / "tuned.csv"
     tuned = {"tuned": csv.read_csv(before).to_pylist()} if before.exists() else {}
-    write_whole(folder / "pdci.md", page(found | tuned))
-    plot(found["linear"], folder / "damping.png")
-    return [folder / name for name in ("pdci.md", "damping.png", *(f"{name}.csv" for name in found))]
+    write_whole(folder / "pdci.md", page(tables | tuned))
+    plot(tables["linear"], folder / "damping.png")
+    return [folder / name for name in ("pdci.md", "damping.png", *(f"{name}.csv" for name in tables))]
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -31,8 +31,8 @@ SUPERVISED = {"supervision": "standard", "arm_at": 0.5}
 @cache
 def plan() -> dict[str, Any]:
     """The plan."""
-    found: dict[str, Any] = yaml.safe_load(PLAN.read_text(encoding="utf-8"))
-    return found
+    content: dict[str, Any] = yaml.safe_load(PLAN.read_text(encoding="utf-8"))
+    return content
 
 
 def made(sets: dict[str, Any]) -> Case:
@@ -55,17 +55,17 @@ def _linear(pmus: str, delays: list[float]) -> list[dict[str, Any]]:
     for gain in plan()["gains"]:
         if gain == 0:
             case = made({})
-            swings = [one for one in analyse(case.system, case.run.devices).modes if one.swings]
-            found = [[(one.damping_ratio, one.frequency_hz) for one in swings]] * len(delays)
+            swings = [mode for mode in analyse(case.system, case.run.devices).modes if mode.swings]
+            by_delay = [[(mode.damping_ratio, mode.frequency_hz) for mode in swings]] * len(delays)
         else:
             law = {"controllers.0.parameters.gain": gain * PER_MW_PER_MHZ, "measurement": pmus}
             case = unsupervised(made({**constant(0.0), **law}))
-            whole, found = delayed_loop(case), []
+            whole, by_delay = delayed_loop(case), []
             for delay in delays:
                 solved = eigen(whole, sampled(whole, delay))
-                swings = [one for one in oscillations(whole, solved, case) if one.swings]
-                found.append([(one.damping_ratio, one.frequency_hz) for one in swings])
-        for delay, modes in zip(delays, found, strict=True):
+                swings = [mode for mode in oscillations(whole, solved, case) if mode.swings]
+                by_delay.append([(mode.damping_ratio, mode.frequency_hz) for mode in swings])
+        for delay, modes in zip(delays, by_delay, strict=True):
             rows.append({"measurement": pmus, "gain": gain, "delay_s": delay, **_named(modes)})
     return rows
 
@@ -75,7 +75,7 @@ def _named(modes: Iterable[tuple[float, float]]) -> dict[str, Any]:
     slow = sorted((ratio, hertz) for ratio, hertz in modes if 0.1 < hertz <= plan()["below"])
     row: dict[str, Any] = {}
     for name, hertz in plan()["modes"].items():
-        ratio, at = min(slow, key=lambda one: abs(one[1] - hertz))
+        ratio, at = min(slow, key=lambda mode: abs(mode[1] - hertz))
         row |= {name: ratio, f"{name}, Hz": at}
     return row | {"least damped": slow[0][0], "least damped, Hz": slow[0][1]}
 
@@ -122,9 +122,9 @@ def events() -> list[dict[str, Any]]:
 
 def failures() -> list[dict[str, Any]]:
     """Each failure after the brake, without a supervisor and with one."""
-    own = _with(plan()["gain"], {})
+    changes = _with(plan()["gain"], {})
     return [
-        {"failure": name, "supervised": bool(more), **outcome({**own, **sets, **more})}
+        {"failure": name, "supervised": bool(more), **outcome({**changes, **sets, **more})}
         for name, sets in plan()["failures"].items()
         for more in ({}, SUPERVISED)
     ]

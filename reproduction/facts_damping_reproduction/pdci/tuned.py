@@ -39,8 +39,8 @@ WHERE = {"system": "minniwecc", "profile": "thesis", "signals": ("hertz",)}  # o
 
 def plan() -> dict[str, Any]:
     """This part of the plan."""
-    found: dict[str, Any] = study.plan()["tuned"]
-    return found
+    content: dict[str, Any] = study.plan()["tuned"]
+    return content
 
 
 def _fault_and_trip(random: Random, line: str) -> Rows:
@@ -80,9 +80,11 @@ def cases(which: str) -> Rows:
 def _powers() -> dict[str, float]:
     """Fields that the load level scales: of loads, without the ends of DC lines, and of units other than the slack."""
     system = study.made({}).system
-    loads = {f"system.loads.{i}.{name}": getattr(one, name) for i, one in enumerate(system.loads) if one.Q
+    loads = {f"system.loads.{i}.{name}": getattr(load, name) for i, load in enumerate(system.loads) if load.Q
              for name in ("P", "Q")}  # fmt: skip
-    return loads | {f"system.machines.{i}.P": one.P for i, one in enumerate(system.machines) if one.P is not None}
+    return loads | {
+        f"system.machines.{i}.P": machine.P for i, machine in enumerate(system.machines) if machine.P is not None
+    }
 
 
 def _drawn(random: Random, scenario: Any, after: float) -> dict[str, Any]:
@@ -103,13 +105,13 @@ def made(sets: dict[str, Any], rows: Sequence[dict[str, Any]]) -> Case:
 
 def trained(rows: Sequence[dict[str, Any]]) -> list[float | None]:
     """The index in each training case; None: synchronism is lost."""
-    found = list[float | None]()
-    for one in cases("training"):
-        record = loop.run(made({**one["set"], **plan()["quick"]}, rows))
+    indices = list[float | None]()
+    for case in cases("training"):
+        record = loop.run(made({**case["set"], **plan()["quick"]}, rows))
         swings = columns(speed_differences(record))
         whole = record.in_synchronism.all()
-        found.append(index(record, BEGIN, plan()["after"]["training"], swings) if whole else None)
-    return found
+        indices.append(index(record, BEGIN, plan()["after"]["training"], swings) if whole else None)
+    return indices
 
 
 _free = cache(lambda: trained(()))
@@ -132,7 +134,7 @@ def _searched(task: tuple[str, int]) -> tuple[str, int, dict[str, Any]]:
 
 def _measured(task: tuple[str, int, Rows]) -> tuple[str, int, Rows]:
     arm, seed, rows = task
-    every = [made(one["set"], rows) for one in cases("held_out")]
+    every = [made(case["set"], rows) for case in cases("held_out")]
     return arm, seed, [outcome(case, loop.run(case), BEGIN, plan()["after"]["held_out"]) for case in every]
 
 
@@ -141,30 +143,33 @@ def results(folder: Path) -> dict[str, Any]:
     folder.mkdir(parents=True, exist_ok=True)
     asked = [name for name, arm in plan()["arms"].items() if arm["kind"] != "fixed"]
     todo = [(name, seed) for seed in range(plan()["search"]["seeds"]) for name in asked]
-    found = kept(folder, "search", todo, _searched, map)
-    law = [one.model_dump() for one in study.made({}).run.controllers]
-    tasks = [(NONE, 0, []), (plan()["law"], 0, law), *((name, seed, one["rows"]) for name, seed, one in found)]
-    rows = {(name, seed): own for name, seed, own in kept(folder, "held_out", tasks, _measured, map)}
-    kinds = [one["kind"] for one in cases("held_out")]
-    return {"searches": {(name, seed): one for name, seed, one in found}, "rows": rows, "kinds": kinds}
+    searched = kept(folder, "search", todo, _searched, map)
+    law = [controller.model_dump() for controller in study.made({}).run.controllers]
+    tasks = [(NONE, 0, []), (plan()["law"], 0, law), *((name, seed, result["rows"]) for name, seed, result in searched)]
+    rows = {(name, seed): measured for name, seed, measured in kept(folder, "held_out", tasks, _measured, map)}
+    kinds = [case["kind"] for case in cases("held_out")]
+    return {"searches": {(name, seed): result for name, seed, result in searched}, "rows": rows, "kinds": kinds}
 
 
 def ratios(experiment: dict[str, Any]) -> Rows:
     """Each arm against no control and against the law."""
     ratio = partial(decide.ratio, [experiment], kinds=list(plan()["held_out"]), margin=plan()["margin"])
     pairs = [(arm, against) for arm in plan()["arms"] for against in (NONE, plan()["law"]) if arm != against]
-    made = [ratio(arm, against)._asdict() for arm, against in pairs]
-    return [{**one, "cases": len(experiment["kinds"]), **_counted(experiment, one["arm"])} for one in made]
+    comparisons = [ratio(arm, against)._asdict() for arm, against in pairs]
+    return [
+        {**comparison, "cases": len(experiment["kinds"]), **_counted(experiment, comparison["arm"])}
+        for comparison in comparisons
+    ]
 
 
 def _counted(experiment: dict[str, Any], arm: str) -> dict[str, Any]:
     """Of an arm: runs that lose synchronism, mean effort, loops of its searches, and their mean in training."""
-    runs = [one for (name, _), some in experiment["rows"].items() if name == arm for one in some]
-    effort = float(np.mean([one["effort"] for one in runs if not one["lost"]]))
-    lost = sum(one["lost"] for one in runs)
-    own = [one for (name, _), one in experiment["searches"].items() if name == arm]
-    value = float(np.mean([one["value"] for one in own])) if own else None
-    return {"lost": lost, "effort": effort, "loops": sum(one["loops"] for one in own), "training": value}
+    runs = [run for (name, _), some in experiment["rows"].items() if name == arm for run in some]
+    effort = float(np.mean([run["effort"] for run in runs if not run["lost"]]))
+    lost = sum(run["lost"] for run in runs)
+    searches = [search for (name, _), search in experiment["searches"].items() if name == arm]
+    value = float(np.mean([search["value"] for search in searches])) if searches else None
+    return {"lost": lost, "effort": effort, "loops": sum(search["loops"] for search in searches), "training": value}
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -35,7 +35,7 @@ def pmus(draw: Any) -> PmuConfiguration:
     return PmuConfiguration(
         draw(text),
         draw(st.integers(1, 65534)),
-        tuple(Phasor(*one) for one in phasors),
+        tuple(Phasor(*parts) for parts in phasors),
         tuple(Analog(n, k, float(s)) for n, k, s in analogs),
         tuple(Digital(tuple(names), 0xA5A5, 0xFFFF) for names in digitals),
         **formats,
@@ -57,16 +57,17 @@ def as_told(c: Configuration, kind: str) -> Configuration:
     if kind != "configuration_3":
         return c
 
-    def phasor(pmu: PmuConfiguration, one: Phasor) -> Phasor:
-        return one._replace(scale=1.0 if pmu.float_phasors else float32(one.scale), flags=0)
+    def phasor(pmu: PmuConfiguration, phasor_channel: Phasor) -> Phasor:
+        return phasor_channel._replace(scale=1.0 if pmu.float_phasors else float32(phasor_channel.scale), flags=0)
 
-    def analog(pmu: PmuConfiguration, one: Analog) -> Analog:
-        return one._replace(scale=1.0 if pmu.float_analogs else one.scale, kind=0)
+    def analog(pmu: PmuConfiguration, analog_channel: Analog) -> Analog:
+        return analog_channel._replace(scale=1.0 if pmu.float_analogs else analog_channel.scale, kind=0)
 
     return c._replace(
         pmus=tuple(
             p._replace(
-                phasors=tuple(phasor(p, one) for one in p.phasors), analogs=tuple(analog(p, one) for one in p.analogs)
+                phasors=tuple(phasor(p, phasor_channel) for phasor_channel in p.phasors),
+                analogs=tuple(analog(p, analog_channel) for analog_channel in p.analogs),
             )
             for p in c.pmus
         )
@@ -77,15 +78,20 @@ def as_told(c: Configuration, kind: str) -> Configuration:
 def test_configurations_there_and_back(c: Configuration, kind: str) -> None:
     bodies = configuration.encode(c, kind)
     frames = [frame.encode(Frame(kind, 7, 1_700_000_000, 42, body)) for body in bodies]
-    read = [frame.decode(one) for one in frames]
-    assert all((one.kind, one.idcode, one.soc, one.fraction) == (kind, 7, 1_700_000_000, 42) for one in read)
-    found = configuration.decode([one.body for one in read], kind)
+    read = [frame.decode(raw) for raw in frames]
+    assert all(
+        (read_frame.kind, read_frame.idcode, read_frame.soc, read_frame.fraction) == (kind, 7, 1_700_000_000, 42)
+        for read_frame in read
+    )
+    decoded = configuration.decode([read_frame.body for read_frame in read], kind)
     wanted = as_told(c, kind)
-    scales = [[p.scale for pmu in one.pmus for p in pmu.phasors] for one in (found, wanted)]
+    scales = [[p.scale for pmu in whole.pmus for p in pmu.phasors] for whole in (decoded, wanted)]
     assert scales[0] == pytest.approx(scales[1], rel=1e-12)
     level = [
-        one._replace(pmus=tuple(p._replace(phasors=tuple(q._replace(scale=1.0) for q in p.phasors)) for p in one.pmus))
-        for one in (found, wanted)
+        whole._replace(
+            pmus=tuple(p._replace(phasors=tuple(q._replace(scale=1.0) for q in p.phasors)) for p in whole.pmus)
+        )
+        for whole in (decoded, wanted)
     ]
     assert level[0] == level[1]
 
@@ -108,32 +114,34 @@ def measured(c: Configuration, seed: int) -> Data:
 
 @given(streams, st.integers(0, 1 << 32))
 def test_data_there_and_back_floats_bit_for_bit_integers_within_half_a_count(c: Configuration, seed: int) -> None:
-    made, sent = data.layout(c), measured(c, seed)
-    found = data.decode(made, data.encode(made, sent))
-    np.testing.assert_array_equal(found.status, sent.status)
-    np.testing.assert_array_equal(found.digitals, sent.digitals)
+    layout, sent = data.layout(c), measured(c, seed)
+    decoded = data.decode(layout, data.encode(layout, sent))
+    np.testing.assert_array_equal(decoded.status, sent.status)
+    np.testing.assert_array_equal(decoded.digitals, sent.digitals)
     p = a = 0
     for i, pmu in enumerate(c.pmus):
         exact = [np.float32(value) for value in (sent.frequency[i], sent.rocof[i])]
         if pmu.float_frequency:
-            assert [found.frequency[i], found.rocof[i]] == exact
+            assert [decoded.frequency[i], decoded.rocof[i]] == exact
         else:
-            assert found.frequency[i] == pytest.approx(sent.frequency[i], abs=0.5001e-3)
-            assert found.rocof[i] == pytest.approx(sent.rocof[i], abs=0.5001e-2)
-        for one in pmu.phasors:
+            assert decoded.frequency[i] == pytest.approx(sent.frequency[i], abs=0.5001e-3)
+            assert decoded.rocof[i] == pytest.approx(sent.rocof[i], abs=0.5001e-2)
+        for phasor in pmu.phasors:
             if pmu.polar and pmu.float_phasors:
-                assert found.phasors[p].tolist() == sent.phasors[p].astype(np.float32).tolist()
-            z = [m * np.exp(1j * angle) for m, angle in (found.phasors[p], sent.phasors[p])]
+                assert decoded.phasors[p].tolist() == sent.phasors[p].astype(np.float32).tolist()
+            z = [m * np.exp(1j * angle) for m, angle in (decoded.phasors[p], sent.phasors[p])]
             step = (
-                1e-6 * abs(z[1]) if pmu.float_phasors else 0.71 * one.scale + (5.1e-5 * abs(z[1]) if pmu.polar else 0.0)
+                1e-6 * abs(z[1])
+                if pmu.float_phasors
+                else 0.71 * phasor.scale + (5.1e-5 * abs(z[1]) if pmu.polar else 0.0)
             )
             assert abs(z[0] - z[1]) <= step
             p += 1
         for analog in pmu.analogs:
             if pmu.float_analogs:
-                assert found.analogs[a] == np.float32(sent.analogs[a])
+                assert decoded.analogs[a] == np.float32(sent.analogs[a])
             else:
-                assert found.analogs[a] == pytest.approx(sent.analogs[a], abs=0.5001 * analog.scale)
+                assert decoded.analogs[a] == pytest.approx(sent.analogs[a], abs=0.5001 * analog.scale)
             a += 1
 
 
@@ -145,21 +153,21 @@ def stream(**formats: Any) -> Configuration:
 @pytest.mark.parametrize("floats", [True, False])
 def test_missing_values_are_decoded_as_missing(floats: bool) -> None:
     c = stream(float_phasors=floats, float_frequency=floats, float_analogs=floats, polar=True)
-    made, sent = data.layout(c), measured(c, 1)
+    layout, sent = data.layout(c), measured(c, 1)
     for values in (sent.phasors, sent.frequency, sent.rocof, sent.analogs):
         values[0] = np.nan
-    found = data.decode(made, data.encode(made, sent))
-    assert np.isnan(found.phasors[0, 1])
-    assert np.isnan([found.frequency[0], found.rocof[0], found.analogs[0]]).all()
-    assert np.isfinite(found.frequency[1])
+    decoded = data.decode(layout, data.encode(layout, sent))
+    assert np.isnan(decoded.phasors[0, 1])
+    assert np.isnan([decoded.frequency[0], decoded.rocof[0], decoded.analogs[0]]).all()
+    assert np.isfinite(decoded.frequency[1])
 
 
 @pytest.mark.filterwarnings("error")
 def test_infinite_values_are_missing() -> None:
     pmu = PmuConfiguration("A", 1, (Phasor("V"),), (Analog("P"),), (), True, True, True, True)
-    made = data.layout(Configuration((pmu,), 60))
-    found = data.decode(made, bytes(2) + 5 * struct.pack(">f", math.inf))
-    assert np.isnan([*found.phasors.ravel(), *found.frequency, *found.rocof, *found.analogs]).all()
+    layout = data.layout(Configuration((pmu,), 60))
+    decoded = data.decode(layout, bytes(2) + 5 * struct.pack(">f", math.inf))
+    assert np.isnan([*decoded.phasors.ravel(), *decoded.frequency, *decoded.rocof, *decoded.analogs]).all()
 
 
 @pytest.mark.parametrize(("scale", "angle"), [(math.inf, 0.0), (math.nan, 0.0), (1.0, math.inf)])
@@ -171,11 +179,11 @@ def test_layout_refuses_scales_that_are_no_numbers(scale: float, angle: float) -
 
 def test_beyond_the_integers_are_their_ends() -> None:
     c = stream(polar=True)
-    made, sent = data.layout(c), measured(c, 1)
+    layout, sent = data.layout(c), measured(c, 1)
     sent.phasors[0], sent.frequency[0] = (1e9, 0.0), 1e6
-    found = data.decode(made, data.encode(made, sent))
-    assert found.phasors[0, 0] == 65535.0
-    assert found.frequency[0] == pytest.approx(60.0 + 32.767)
+    decoded = data.decode(layout, data.encode(layout, sent))
+    assert decoded.phasors[0, 0] == 65535.0
+    assert decoded.frequency[0] == pytest.approx(60.0 + 32.767)
 
 
 def test_frame_by_hand() -> None:
@@ -183,7 +191,7 @@ def test_frame_by_hand() -> None:
     c = Configuration(
         (PmuConfiguration("X", 60, (Phasor("V", scale=0.5),), (Analog("A", scale=2.0),), polar=False),), 30
     )
-    made = data.layout(c)
+    layout = data.layout(c)
     sent = Data(
         np.array([0x2000]),
         np.array([[100.0, math.pi / 2]]),
@@ -192,10 +200,10 @@ def test_frame_by_hand() -> None:
         np.array([8.0]),
         np.zeros(0, int),
     )
-    found = frame.encode(Frame("data", 60, 0x5F5E1000, 0x123456, data.encode(made, sent), quality=0x0F))
+    raw = frame.encode(Frame("data", 60, 0x5F5E1000, 0x123456, data.encode(layout, sent), quality=0x0F))
     body = struct.pack(">BBHHII", 0xAA, 0x02, 28, 60, 0x5F5E1000, 0x0F123456)
     body += struct.pack(">Hhhhhh", 0x2000, 0, 200, 100, -50, 4)
-    assert found == body + struct.pack(">H", crc_hqx(body, 0xFFFF))
+    assert raw == body + struct.pack(">H", crc_hqx(body, 0xFFFF))
 
 
 def test_check_word_is_that_of_annex_b() -> None:
@@ -230,17 +238,17 @@ def test_long_configuration_3_is_sent_in_parts() -> None:
 
 def test_frames_are_found_in_a_stream_with_rubbish() -> None:
     whole = [frame.command(i, "turn_on", 9) for i in range(1, 6)]
-    told = bytearray()
-    for i, one in enumerate(whole):
-        told += bytes([0xAA, 0x41] * i) + one
-    told += whole[0][:7]
-    found, lost = list[bytes](), 0
+    sent_bytes = bytearray()
+    for i, raw in enumerate(whole):
+        sent_bytes += bytes([0xAA, 0x41] * i) + raw
+    sent_bytes += whole[0][:7]
+    frames_found, lost = list[bytes](), 0
     stream = bytearray()
-    for byte in bytes(told):
+    for byte in bytes(sent_bytes):
         stream.append(byte)
         more, skipped = frame.split(stream)
-        found, lost = found + more, lost + skipped
-    assert found == whole
+        frames_found, lost = frames_found + more, lost + skipped
+    assert frames_found == whole
     assert lost == 2 * sum(range(5))
     assert bytes(stream) == whole[0][:7]
 

@@ -51,9 +51,9 @@ SAID = data.Data(
 
 
 def test_stations_are_where_the_file_or_their_name_says() -> None:
-    found = mapping.places(THEIRS, GRID, WANTED)
-    assert found.pmus.tolist() == [0, 1]  # C is in no PMU
-    values, status, absent = mapping.values_of(found, SAID)
+    places = mapping.places(THEIRS, GRID, WANTED)
+    assert places.pmus.tolist() == [0, 1]  # C is in no PMU
+    values, status, absent = mapping.values_of(places, SAID)
     assert status.tolist() == [0x2000, 0x8000]
     assert not absent.any()
     a, b = values

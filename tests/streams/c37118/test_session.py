@@ -37,10 +37,10 @@ def instant(c: Configuration, k: int, status: int = 0) -> Instant:
     )
 
 
-def same(one: object, other: Instant) -> bool:
-    assert isinstance(one, Instant)
-    return (one.soc, one.fraction) == (other.soc, other.fraction) and np.array_equal(
-        one.data.phasors, other.data.phasors
+def same(received: object, other: Instant) -> bool:
+    assert isinstance(received, Instant)
+    return (received.soc, received.fraction) == (other.soc, other.fraction) and np.array_equal(
+        received.data.phasors, other.data.phasors
     )
 
 
@@ -58,11 +58,11 @@ def test_however_bytes_come(size: int) -> None:
     served, receiver = session.stream(9, WIDE), Receiver()
     wanted = [instant(WIDE, k) for k in range(40)]
     sent = session.data_frame(served, wanted[0]) + session.answers(served, "send_configuration_2", 1, 2)[0]
-    sent += b"".join(session.data_frame(served, one) for one in wanted)
-    found = [one for i in range(0, len(sent), size) for one in receiver.feed(sent[i : i + size])]
-    assert found[0] == WIDE
-    assert len(found) == 41  # but the data before it
-    assert all(same(*pair) for pair in zip(found[1:], wanted, strict=True))
+    sent += b"".join(session.data_frame(served, measured_instant) for measured_instant in wanted)
+    contents = [content for i in range(0, len(sent), size) for content in receiver.feed(sent[i : i + size])]
+    assert contents[0] == WIDE
+    assert len(contents) == 41  # but the data before it
+    assert all(same(*pair) for pair in zip(contents[1:], wanted, strict=True))
     assert (receiver.lost_bytes, receiver.refused) == (0, {})
 
 
@@ -78,8 +78,8 @@ def test_configuration_that_changes_is_asked_for_again() -> None:
     assert receiver.take([session.data_frame(after, instant(narrow, 2))]) == []
     assert receiver.refused == {"FRAMESIZE": 1}
     receiver.take(session.answers(after, "send_configuration_2", 1, 0))
-    (found,) = receiver.take([session.data_frame(after, instant(narrow, 3))])
-    assert same(found, instant(narrow, 3))
+    (received,) = receiver.take([session.data_frame(after, instant(narrow, 3))])
+    assert same(received, instant(narrow, 3))
 
 
 def test_parts_of_a_configuration_3_that_do_not_fit_are_refused() -> None:
@@ -107,7 +107,7 @@ def test_mutated_streams_end_nothing_and_are_counted() -> None:
     ]
     good += [*session.answers(served, "send_header", 1, 0), frame.command(9, "turn_on", 3)]
     good += [session.data_frame(served, instant(WIDE, k)) for k in range(4)]
-    receiver, taken, given = Receiver(), 0, 0
+    receiver, accepted, sent_frames = Receiver(), 0, 0
     for i in range(MUTATED):
         raw = bytearray(good[i % len(good)])
         for _ in range(int(rng.integers(1, 4))):
@@ -119,13 +119,13 @@ def test_mutated_streams_end_nothing_and_are_counted() -> None:
         if i % 2 and len(raw) >= frame.MINIMUM:
             raw[0], raw[2:4] = frame.SYNC, len(raw).to_bytes(2, "big")
             raw[-2:] = crc_hqx(bytes(raw[:-2]), 0xFFFF).to_bytes(2, "big")
-        given += 1
-        taken += len(receiver.take([bytes(raw)]))
+        sent_frames += 1
+        accepted += len(receiver.take([bytes(raw)]))
     refused = sum(receiver.refused.values())
     assert all(re.fullmatch(r"[A-Z_0-9, to]+", field) for field in receiver.refused), receiver.refused
     assert refused > MUTATED / 4
-    assert taken > MUTATED / 200
-    assert refused + taken <= given
+    assert accepted > MUTATED / 200
+    assert refused + accepted <= sent_frames
 
 
 def test_stream_that_is_too_wide_is_refused_before_it_begins() -> None:

@@ -9,8 +9,8 @@ from facts_damping_streams.c37118 import stat
 
 
 def word(status: int = 0, error_s: float = 0.0, unlocked_s: float = 0.0, *, there: bool = True) -> int:
-    given = (np.array([status]), np.array([there]), np.array([error_s]), np.array([unlocked_s]))
-    return int(stat.word(*given)[0])
+    arguments = (np.array([status]), np.array([there]), np.array([error_s]), np.array([unlocked_s]))
+    return int(stat.word(*arguments)[0])
 
 
 @pytest.mark.parametrize(
@@ -49,9 +49,9 @@ def test_messages_time_quality(errors_s: list[float], code: int) -> None:
     ],
 )
 def test_data_errors(status: int, there: bool, top: int, back: int) -> None:
-    found = word(status, there=there)
-    assert found >> 14 == top
-    assert int(stat.status(np.array([found]))[0]) == back
+    bits = word(status, there=there)
+    assert bits >> 14 == top
+    assert int(stat.status(np.array([bits]))[0]) == back
 
 
 def test_pmu_error_without_information_on_the_data_is_a_data_error() -> None:

@@ -60,14 +60,14 @@ def test_synchrophasor_package_reads_our_frames(formats: dict[str, Any], kind: s
     if kind == "configuration_1":
         return  # it reads data by a configuration 2 alone
     body = data.encode(data.layout(c), MEASURED)
-    found = CommonFrame.convert2frame(frame.encode(Frame("data", 7734, SOC, FRACTION, body)), decoded)
-    for ours, theirs in zip(MEASURED.phasors, found.get_phasors(), strict=True):
+    their_frame = CommonFrame.convert2frame(frame.encode(Frame("data", 7734, SOC, FRACTION, body)), decoded)
+    for ours, theirs in zip(MEASURED.phasors, their_frame.get_phasors(), strict=True):
         near = 1e-6 * ours[0] if formats.get("float_phasors") else 10.0
         assert abs(ours[0] * np.exp(1j * ours[1]) - theirs[0] * np.exp(1j * theirs[1])) < near
-    assert found.get_measurements()["measurements"][0]["frequency"] == pytest.approx(59.98)
-    assert found.get_analog() == [100.0 if formats.get("float_analogs") else 50]
-    assert found.get_digital() == [0x3C12]
-    assert found.get_dfreq() == 12
+    assert their_frame.get_measurements()["measurements"][0]["frequency"] == pytest.approx(59.98)
+    assert their_frame.get_analog() == [100.0 if formats.get("float_analogs") else 50]
+    assert their_frame.get_digital() == [0x3C12]
+    assert their_frame.get_dfreq() == 12
 
 
 def test_we_read_its() -> None:
@@ -87,10 +87,10 @@ def test_we_read_its() -> None:
         7734, ("ok", True, "timestamp", False, False, False, 0, "<10", 0), [(134000.0, 0.5), (500.0, -1.0)], -20, 12,
         [100.0], [0x3C12], decoded, SOC, FRACTION
     )  # fmt: skip
-    found = data.decode(data.layout(c), frame.decode(theirs.convert2bytes()).body)
-    np.testing.assert_allclose(found.phasors, MEASURED.phasors, rtol=1e-7)
-    assert [found.frequency[0], found.rocof[0], found.analogs[0]] == pytest.approx([59.98, 0.12, 100.0])
-    assert found.digitals.tolist() == [0x3C12]
+    received = data.decode(data.layout(c), frame.decode(theirs.convert2bytes()).body)
+    np.testing.assert_allclose(received.phasors, MEASURED.phasors, rtol=1e-7)
+    assert [received.frequency[0], received.rocof[0], received.analogs[0]] == pytest.approx([59.98, 0.12, 100.0])
+    assert received.digitals.tolist() == [0x3C12]
 
 
 def test_commands_and_headers_are_the_same() -> None:

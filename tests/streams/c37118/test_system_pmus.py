@@ -30,19 +30,19 @@ def test_bases_are_those_of_the_phase() -> None:
 
 
 @pytest.mark.parametrize("kind", ["configuration_2", "configuration_3"])
-@pytest.mark.parametrize("given", list(itertools.product((False, True), repeat=4)))
-def test_there_and_back(given: tuple[bool, ...], kind: str) -> None:
-    formats = dict(zip(frames.FORMATS, given, strict=True))
+@pytest.mark.parametrize("flags", list(itertools.product((False, True), repeat=4)))
+def test_there_and_back(flags: tuple[bool, ...], kind: str) -> None:
+    formats = dict(zip(frames.FORMATS, flags, strict=True))
     c = system_pmus.configuration(GRID, 60, 60, formats)
     decoded = frames.decode(frames.encode(c, kind), kind)
     words, values = np.array([0, 0x2000, 0xC000]), measured()
     sent = data.encode(data.layout(c), system_pmus.to_data(GRID, values, words))
     where = mapping.places(decoded, GRID, {})
-    found, states, absent = mapping.values_of(where, data.decode(data.layout(decoded), sent))
+    values_back, states, absent = mapping.values_of(where, data.decode(data.layout(decoded), sent))
     np.testing.assert_array_equal(where.pmus, [0, 1, 2])
     np.testing.assert_array_equal(states, [0, 0x2000, 0x8000])
     assert not absent.any()
-    assert np.isnan(found[1, system_pmus.SPEED])
+    assert np.isnan(values_back[1, system_pmus.SPEED])
     step = np.zeros(len(CHANNELS))
     phasor = 1e-6 if formats["float_phasors"] else 1.0 / 30000
     step[[system_pmus.MAGNITUDE, system_pmus.CURRENT]] = 2.0 * phasor, 100.0 * phasor
@@ -51,14 +51,14 @@ def test_there_and_back(given: tuple[bool, ...], kind: str) -> None:
     step[[system_pmus.ACTIVE, system_pmus.REACTIVE]] = 10 * power
     step[system_pmus.SPEED] = 1e-6
     step[[system_pmus.FREQUENCY, system_pmus.ROCOF]] = (1e-5, 1e-6) if formats["float_frequency"] else (1e-3, 1e-2)
-    assert (np.abs(np.nan_to_num(found - values)) <= step).all()
+    assert (np.abs(np.nan_to_num(values_back - values)) <= step).all()
 
 
 def test_floats_are_those_of_32_bits() -> None:
     """Polar: what is received is the nearest float of what was sent, in volts, amperes, Hz and kilowatts."""
     c = system_pmus.configuration(GRID, 60, 60, dict.fromkeys(frames.FORMATS, True))
     sent = system_pmus.to_data(GRID, measured(), np.zeros(3, np.int64))
-    found = data.decode(data.layout(c), data.encode(data.layout(c), sent))
+    decoded = data.decode(data.layout(c), data.encode(data.layout(c), sent))
     for name in ("phasors", "frequency", "rocof", "analogs"):
-        ours, theirs = getattr(sent, name).astype(np.float32), getattr(found, name)
+        ours, theirs = getattr(sent, name).astype(np.float32), getattr(decoded, name)
         np.testing.assert_array_equal(theirs, ours.astype(float))

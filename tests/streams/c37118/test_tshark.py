@@ -40,7 +40,7 @@ MEASURED = np.array([
     [1.0123, -2.513, np.nan, -3.011, 0.5071, 59.9036, -0.257, np.nan, np.nan],
 ])  # fmt: skip
 GIVEN = list(itertools.product((False, True), repeat=4))
-FORMATS = [dict(zip(configuration.FORMATS, given, strict=True)) for given in GIVEN]
+FORMATS = [dict(zip(configuration.FORMATS, flags, strict=True)) for flags in GIVEN]
 STREAMS = [
     session.stream(100 + k, system_pmus.configuration(GRID, 60, 60, formats)) for k, formats in enumerate(FORMATS)
 ]
@@ -70,19 +70,19 @@ VALUES = Data(*map(np.array, ([0], [[100.0, 0.5]], [50.1], [0.0], [30.0], [0x3C1
 
 def status(k: int) -> list[int]:
     """STAT of two PMUs."""
-    error_s, unlocked_s, given = (np.full(2, value) for value in CLOCKS[k][:3])
-    return [int(word) for word in stat.word(given, np.ones(2, bool), error_s, unlocked_s)]
+    error_s, unlocked_s, states = (np.full(2, value) for value in CLOCKS[k][:3])
+    return [int(word) for word in stat.word(states, np.ones(2, bool), error_s, unlocked_s)]
 
 
 def sent() -> dict[str, bytes]:
     """Frames by what they are; data behind the configuration by which they are read."""
     frames = {name: frame.command(7, name, SOC, FRACTION, b"word" * (name == "extended")) for name in COMMANDS}
-    for k, one in enumerate(STREAMS):
+    for k, served in enumerate(STREAMS):
         quality = 0x30 | stat.message_quality(np.array([CLOCKS[k][0]]))
         instant = Instant(SOC, FRACTION, quality, system_pmus.to_data(GRID, MEASURED, np.array(status(k))))
         for kind in KINDS:
-            (frames[f"{k} {kind}"],) = session.answers(one, f"send_{kind}", SOC, FRACTION)
-            frames |= {f"{k} data {kind}": session.data_frame(one, instant)} if kind != KINDS[0] else {}
+            (frames[f"{k} {kind}"],) = session.answers(served, f"send_{kind}", SOC, FRACTION)
+            frames |= {f"{k} data {kind}": session.data_frame(served, instant)} if kind != KINDS[0] else {}
     for kind in ("header", KINDS[2]):
         (frames[f"other {kind}"],) = session.answers(OTHER, f"send_{kind}", SOC, 1 << 22)
     return frames | {"other data": session.data_frame(OTHER, Instant(SOC, 1 << 21, 0, VALUES))}
@@ -95,7 +95,7 @@ def packet(protocol: int, head: bytes, raw: bytes) -> bytes:
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ET.Element]:
+def dissected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ET.Element]:
     """All frames as they are dissected: over UDP, and those of a stream also over TCP, cut anywhere."""
     frames, file = sent(), tmp_path_factory.mktemp("tshark") / "frames.pcap"
     over_tcp = {f"tcp {name}": raw for name, raw in frames.items() if name.startswith("15 ")}
@@ -105,106 +105,114 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ET.Element]:
         parts.append(packet(6, struct.pack(">2H2I2H4x", 4712, 4712, at, 1, 0x5018, 65535), stream[at : at + 97]))
     file.write_bytes(b"".join(parts))
     ports = ("-d", "udp.port==4713,synphasor", "-d", "tcp.port==4712,synphasor")
-    told = subprocess.run([str(TSHARK), "-n", "-r", file, *ports, "-T", "pdml"], check=True, capture_output=True)
-    read = ET.fromstring(told.stdout)
+    dissected = subprocess.run([str(TSHARK), "-n", "-r", file, *ports, "-T", "pdml"], check=True, capture_output=True)
+    read = ET.fromstring(dissected.stdout)
     assert not read.findall(".//proto[@name='_ws.malformed']")
     return dict(zip([*frames, *over_tcp], read.findall(".//proto[@name='synphasor']"), strict=True))
 
 
-def fields(one: ET.Element, name: str, attribute: str = "show") -> list[str]:
-    return [field.get(attribute, "") for field in one.iter("field") if field.get("name") == name]
+def fields(element: ET.Element, name: str, attribute: str = "show") -> list[str]:
+    return [field.get(attribute, "") for field in element.iter("field") if field.get("name") == name]
 
 
-def numbers(one: ET.Element, *names: str) -> list[int]:
-    return [int(value, 16) for name in names for value in fields(one, f"synphasor.{name}", "value")]
+def numbers(element: ET.Element, *names: str) -> list[int]:
+    return [int(value, 16) for name in names for value in fields(element, f"synphasor.{name}", "value")]
 
 
-def floats(one: ET.Element, name: str) -> list[float]:
-    return [float(value) for value in fields(one, f"synphasor.{name}")]
+def floats(element: ET.Element, name: str) -> list[float]:
+    return [float(value) for value in fields(element, f"synphasor.{name}")]
 
 
-def lines(one: ET.Element) -> str:
-    return "\n".join(field.get("showname", "") or field.get("show", "") for field in one.iter("field"))
+def lines(element: ET.Element) -> str:
+    return "\n".join(field.get("showname", "") or field.get("show", "") for field in element.iter("field"))
 
 
-def unsaid(one: ET.Element, *texts: str) -> list[str]:
-    return [text for text in texts if text not in lines(one)]
+def unsaid(element: ET.Element, *texts: str) -> list[str]:
+    return [text for text in texts if text not in lines(element)]
 
 
-def phasors(one: ET.Element) -> list[tuple[str, complex]]:
+def phasors(element: ET.Element) -> list[tuple[str, complex]]:
     """Name and unit, value."""
-    rows = re.findall(r'"(\w+) *", +(\S+)([VA]) ∠ *(\S+)°', lines(one))
+    rows = re.findall(r'"(\w+) *", +(\S+)([VA]) ∠ *(\S+)°', lines(element))
     return [(name + unit, float(size) * np.exp(1j * np.radians(float(angle)))) for name, size, unit, angle in rows]
 
 
-def test_wireshark_finds_no_errors_but_those_of_the_status_word(found: dict[str, ET.Element]) -> None:
-    for one in found.values():
-        assert fields(one, "synphasor.checksum.status") == ["1"]
-        assert set(fields(one, "_ws.expert.message")) <= {"Data Error flag set", "PMU not sync flag set"}
-        assert numbers(one, "version", "soc") == [frame.VERSION, SOC]
+def test_wireshark_finds_no_errors_but_those_of_the_status_word(dissected: dict[str, ET.Element]) -> None:
+    for element in dissected.values():
+        assert fields(element, "synphasor.checksum.status") == ["1"]
+        assert set(fields(element, "_ws.expert.message")) <= {"Data Error flag set", "PMU not sync flag set"}
+        assert numbers(element, "version", "soc") == [frame.VERSION, SOC]
 
 
-def test_over_tcp_it_is_the_same(found: dict[str, ET.Element]) -> None:
+def test_over_tcp_it_is_the_same(dissected: dict[str, ET.Element]) -> None:
     """But for which configuration it took, and what it makes of fractions of a second before one."""
-    for name in (name for name in found if name.startswith("15 ")):
-        both = [re.sub("(Dissected|Fraction of second:).*\n", "", lines(found[key])) for key in (name, f"tcp {name}")]
+    for name in (name for name in dissected if name.startswith("15 ")):
+        both = [
+            re.sub("(Dissected|Fraction of second:).*\n", "", lines(dissected[key])) for key in (name, f"tcp {name}")
+        ]
         assert both[0] == both[1]
 
 
-def test_commands_and_headers(found: dict[str, ET.Element]) -> None:
+def test_commands_and_headers(dissected: dict[str, ET.Element]) -> None:
     for name, said in COMMANDS.items():
-        assert numbers(found[name], "idcode_stream_source", "command") == [7, frame.COMMANDS[name]]
-        assert unsaid(found[name], f"Command: {said}") == []
-    assert fields(found["extended"], "synphasor.extended_frame_data", "value") == [b"word".hex()]
-    assert fields(found["other header"], "synphasor.data", "value") == [b"A text".hex()]
+        assert numbers(dissected[name], "idcode_stream_source", "command") == [7, frame.COMMANDS[name]]
+        assert unsaid(dissected[name], f"Command: {said}") == []
+    assert fields(dissected["extended"], "synphasor.extended_frame_data", "value") == [b"word".hex()]
+    assert fields(dissected["other header"], "synphasor.data", "value") == [b"A text".hex()]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("k", EACH)
-def test_configurations(found: dict[str, ET.Element], k: int, kind: str) -> None:
-    one, c, long = found[f"{k} {kind}"], STREAMS[k].configuration, kind == KINDS[2]
-    assert numbers(one, "frtype", "idcode_stream_source", "fracsec_raw") == [frame.KINDS[kind], 100 + k, FRACTION]
-    assert numbers(one, "conf.timebase", "conf.numpmu", "rate_of_transmission") == [c.time_base, 2, 60]
-    assert numbers(one, "idcode_data_source", "num_phasors", "num_analog_values") == [1, 2, 2, 2, 3, 3]
+def test_configurations(dissected: dict[str, ET.Element], k: int, kind: str) -> None:
+    element, c, long = dissected[f"{k} {kind}"], STREAMS[k].configuration, kind == KINDS[2]
+    assert numbers(element, "frtype", "idcode_stream_source", "fracsec_raw") == [frame.KINDS[kind], 100 + k, FRACTION]
+    assert numbers(element, "conf.timebase", "conf.numpmu", "rate_of_transmission") == [c.time_base, 2, 60]
+    assert numbers(element, "idcode_data_source", "num_phasors", "num_analog_values") == [1, 2, 2, 2, 3, 3]
     formats = ("phasor_notation", "phasor_format", "analog_format", "dfreq_format")
-    assert [numbers(one, f"conf.{name}") for name in formats] == [[given, given] for given in GIVEN[k]]
-    names = fields(one, "synphasor.conf.chnam" if long else "synphasor.channel_name")
+    assert [numbers(element, f"conf.{name}") for name in formats] == [[flag, flag] for flag in GIVEN[k]]
+    names = fields(element, "synphasor.conf.chnam" if long else "synphasor.channel_name")
     assert [name.rstrip() for name in names] == [*system_pmus.PHASORS, *system_pmus.ANALOGS] * 2
-    assert re.findall(r'Station #\d: "(\w+) *"', lines(one)) == ["G1", "TIE"]
+    assert re.findall(r'Station #\d: "(\w+) *"', lines(element)) == ["G1", "TIE"]
     scales = [p.scale for pmu in c.pmus for p in pmu.phasors], [a.scale for pmu in c.pmus for a in pmu.analogs]
     if not long:
-        assert [round(scale / UNIT) for scale in scales[0]] == [n & 0xFFFFFF for n in numbers(one, "conversion_factor")]
-        assert re.findall(r"\* 10\^-5, unit: (\w+)", lines(one)) == ["Volt", "Ampere"] * 2
-        assert re.findall("rms of analog input, value: (.+)", lines(one)) == [f"{scale:.0f}" for scale in scales[1]]
+        assert [round(scale / UNIT) for scale in scales[0]] == [
+            n & 0xFFFFFF for n in numbers(element, "conversion_factor")
+        ]
+        assert re.findall(r"\* 10\^-5, unit: (\w+)", lines(element)) == ["Volt", "Ampere"] * 2
+        assert re.findall("rms of analog input, value: (.+)", lines(element)) == [f"{scale:.0f}" for scale in scales[1]]
         return
-    assert numbers(one, "conf.phasor_type", "conf.phasor_component") == [0, 1, 0, 1, 1, 1, 1, 1]
-    assert GIVEN[k][1] or floats(one, "conf.phasor_scale_factor") == pytest.approx(scales[0], rel=1e-5)
-    assert GIVEN[k][2] or floats(one, "conf.analog_scale_factor") == scales[1]
+    assert numbers(element, "conf.phasor_type", "conf.phasor_component") == [0, 1, 0, 1, 1, 1, 1, 1]
+    assert GIVEN[k][1] or floats(element, "conf.phasor_scale_factor") == pytest.approx(scales[0], rel=1e-5)
+    assert GIVEN[k][2] or floats(element, "conf.analog_scale_factor") == scales[1]
 
 
 @pytest.mark.parametrize("kind", KINDS[1:])
 @pytest.mark.parametrize("k", EACH)
-def test_data(found: dict[str, ET.Element], k: int, kind: str) -> None:
+def test_data(dissected: dict[str, ET.Element], k: int, kind: str) -> None:
     """Floats to the digits that are printed, integers within a count."""
-    one, pmus, text = found[f"{k} data {kind}"], STREAMS[k].configuration.pmus, lines(found[f"{k} data {kind}"])
+    element, pmus, text = (
+        dissected[f"{k} data {kind}"],
+        STREAMS[k].configuration.pmus,
+        lines(dissected[f"{k} data {kind}"]),
+    )
     polar, float_phasors, float_analogs, float_frequency = GIVEN[k]
     wanted = system_pmus.to_data(GRID, MEASURED, np.array(status(k)))
-    assert numbers(one, "idcode_stream_source", "fracsec_raw") == [100 + k, FRACTION]
-    assert numbers(one, "timeqal.lsdir", "timeqal.lsocc", "timeqal.lspend") == [0, 1, 1]
-    assert unsaid(one, *CLOCKS[k][-1], 'Station: "G1', 'Station: "TIE', "second: 250") == []
-    words = [np.array(numbers(one, f"data.{name}")) << bit for name, bit in FLAGS.items()]
+    assert numbers(element, "idcode_stream_source", "fracsec_raw") == [100 + k, FRACTION]
+    assert numbers(element, "timeqal.lsdir", "timeqal.lsocc", "timeqal.lspend") == [0, 1, 1]
+    assert unsaid(element, *CLOCKS[k][-1], 'Station: "G1', 'Station: "TIE', "second: 250") == []
+    words = [np.array(numbers(element, f"data.{name}")) << bit for name, bit in FLAGS.items()]
     assert np.add.reduce(words).tolist() == status(k)
-    names, read = zip(*phasors(one), strict=True)
+    names, read = zip(*phasors(element), strict=True)
     assert names == ("V1V", "I1A", "V1V", "I1A")
     size, angle = wanted.phasors.T
     near = 1e-3 + 1e-5 * size  # of what is printed
     near += 0.0 if float_phasors else [p.scale for pmu in pmus for p in pmu.phasors] + RADIAN * polar * size
     assert (np.abs(read - size * np.exp(1j * angle)) <= near).tolist() == [True, True, True, False]
     assert np.isnan(read[3])
-    frequency = fields(one, "synphasor.actual_frequency_value") or re.findall(r"actual frequency: (.+)Hz", text)
+    frequency = fields(element, "synphasor.actual_frequency_value") or re.findall(r"actual frequency: (.+)Hz", text)
     near = (1e-4, 1e-6) if float_frequency else (1e-3, 1e-2)
     assert [float(hertz) for hertz in frequency] == pytest.approx(wanted.frequency, abs=near[0])
-    assert floats(one, "rate_change_frequency") == pytest.approx(wanted.rocof, abs=near[1])
+    assert floats(element, "rate_change_frequency") == pytest.approx(wanted.rocof, abs=near[1])
     analogs = re.findall(r'#\d: "[^"]+", (\S+)(?: \(conversion factor: 0x1(\w+)\))?$', text, re.MULTILINE)
     values = np.array([float(value) * int(factor or "1", 16) for value, factor in analogs])
     scales = np.array([1e-3 if float_analogs else a.scale for pmu in pmus for a in pmu.analogs])
@@ -212,21 +220,21 @@ def test_data(found: dict[str, ET.Element], k: int, kind: str) -> None:
     np.testing.assert_allclose(values / scales, np.nan_to_num(wanted.analogs, nan=missing) / scales, rtol=0.0, atol=1.0)
 
 
-def test_wireshark_reads_fields_that_pmus_of_runs_do_not_have(found: dict[str, ET.Element]) -> None:
-    made = (
+def test_wireshark_reads_fields_that_pmus_of_runs_do_not_have(dissected: dict[str, ET.Element]) -> None:
+    configured = (
         "second: 500", "frequency: 50Hz", "1 frame per 5 second", "change count: 7", "00 01 02 03 04 05 06 07 08 09 0a",
         "Latitude: 45.5", "Longitude: 9.25", "Elevation: 120", "Protection", "length: 33333 mic", "delay: 16667 mic",
         '"BREAKER 15"', "Normal state: 0xa5a5", "Valid bits: 0x7fff", "Analog scale factor: 2", "Analog offset: 10",
     )  # fmt: skip
-    told = ("second: 250", '"T", 30.000', "status word #1: 0x3c12", "actual frequency: 50.100Hz")
-    assert unsaid(found["other configuration_3"], *made) == unsaid(found["other data"], *told) == []
+    measured = ("second: 250", '"T", 30.000', "status word #1: 0x3c12", "actual frequency: 50.100Hz")
+    assert unsaid(dissected["other configuration_3"], *configured) == unsaid(dissected["other data"], *measured) == []
 
 
-def test_phasors_are_turned_by_their_angle(found: dict[str, ET.Element]) -> None:
-    ((_, value),) = phasors(found["other data"])
+def test_phasors_are_turned_by_their_angle(dissected: dict[str, ET.Element]) -> None:
+    ((_, value),) = phasors(dissected["other data"])
     assert abs(value - 100.0 * np.exp(0.5j)) < PHASOR.scale
 
 
-def test_floats_are_scaled_already(found: dict[str, ET.Element]) -> None:
+def test_floats_are_scaled_already(dissected: dict[str, ET.Element]) -> None:
     for name in ("phasor", "analog"):
-        assert set(floats(found["15 configuration_3"], f"conf.{name}_scale_factor")) == {1.0}
+        assert set(floats(dissected["15 configuration_3"], f"conf.{name}_scale_factor")) == {1.0}

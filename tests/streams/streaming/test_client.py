@@ -55,8 +55,8 @@ def run(act: Callable[[], Awaitable[Any]]) -> Any:
     return asyncio.run(whole())
 
 
-async def begun(one: session.Stream | None = None, **begin: Any) -> Server:
-    server = Server(one or served(), lambda: (1000, 0))
+async def begun(stream: session.Stream | None = None, **begin: Any) -> Server:
+    server = Server(stream or served(), lambda: (1000, 0))
     await server.begin(**{"tcp": (HERE, 0), "udp": None, **begin})
     return server
 
@@ -70,7 +70,7 @@ class Listening:
         self.task = asyncio.ensure_future(self.client.run())
 
     def of(self, kind: type[Any]) -> list[Any]:
-        return [one for one in self.told if isinstance(one, kind)]
+        return [content for content in self.told if isinstance(content, kind)]
 
     async def end(self) -> None:
         self.task.cancel()
@@ -79,27 +79,27 @@ class Listening:
 
 async def follow(server: Server, text: str) -> Listening:
     """All that a server sends of 30 instants, once the client has turned it on."""
-    one = Listening(text)
+    listening = Listening(text)
     await until(lambda: server.listening > 0)
-    return await send_all(server, one)
+    return await send_all(server, listening)
 
 
-async def send_all(server: Server, one: Listening) -> Listening:
+async def send_all(server: Server, listening: Listening) -> Listening:
     """30 instants, until they have come."""
     for k in range(TOTAL):
         server.send(instant(k))
         await asyncio.sleep(0.001)
-    await until(lambda: len(one.of(Instant)) == TOTAL)
-    await one.end()
+    await until(lambda: len(listening.of(Instant)) == TOTAL)
+    await listening.end()
     await server.end()
-    return one
+    return listening
 
 
-def same(found: list[Any]) -> None:
-    for k, one in enumerate(found):
-        assert (one.soc, one.fraction) == (instant(k).soc, instant(k).fraction)
+def same(instants: list[Any]) -> None:
+    for k, received_instant in enumerate(instants):
+        assert (received_instant.soc, received_instant.fraction) == (instant(k).soc, instant(k).fraction)
         wanted = instant(k).data.phasors.astype(np.float32).astype(float)
-        np.testing.assert_array_equal(one.data.phasors, wanted)
+        np.testing.assert_array_equal(received_instant.data.phasors, wanted)
 
 
 def test_over_tcp() -> None:
@@ -107,9 +107,9 @@ def test_over_tcp() -> None:
         server = await begun()
         return await follow(server, f"tcp://{HERE}:{server.ports[0]}/11")
 
-    one = run(act)
-    same(one.of(Instant))
-    assert one.of(Configuration)[0].pmus[1].name == "TIE"
+    listening = run(act)
+    same(listening.of(Instant))
+    assert listening.of(Configuration)[0].pmus[1].name == "TIE"
 
 
 def test_by_datagrams_that_it_asks_for() -> None:
@@ -125,9 +125,9 @@ def test_by_datagrams_that_come_by_themselves(group: str, port: int) -> None:
     """They begin with the configuration; nobody asks for it."""
 
     async def act() -> Listening:
-        one = Listening(f"udp://@{group}:{port}/11")
-        await until(lambda: one.client.connections == 1)
-        return await send_all(await begun(tcp=None, udp=(HERE, 0), fixed=[(group, port)]), one)
+        listening = Listening(f"udp://@{group}:{port}/11")
+        await until(lambda: listening.client.connections == 1)
+        return await send_all(await begun(tcp=None, udp=(HERE, 0), fixed=[(group, port)]), listening)
 
     same(run(act).of(Instant))
 
@@ -138,24 +138,24 @@ def test_client_reconnects_when_the_server_comes_back(monkeypatch: pytest.Monkey
     async def act() -> Listening:
         server = await begun()
         port = server.ports[0]
-        one = Listening(f"tcp://{HERE}:{port}/11")
+        client = Listening(f"tcp://{HERE}:{port}/11")
         await until(lambda: server.listening > 0)
         server.send(instant(0))
-        await until(lambda: len(one.of(Instant)) == 1)
+        await until(lambda: len(client.of(Instant)) == 1)
         await server.end()
-        await until(lambda: len(one.of(Lost)) >= 2)  # closed, and nobody there
+        await until(lambda: len(client.of(Lost)) >= 2)  # closed, and nobody there
         again = await begun(tcp=(HERE, port))
         await until(lambda: again.listening > 0)
         again.send(instant(1))
-        await until(lambda: len(one.of(Instant)) == 2)
-        await one.end()
+        await until(lambda: len(client.of(Instant)) == 2)
+        await client.end()
         await again.end()
-        return one
+        return client
 
-    one = run(act)
-    same(one.of(Instant))
-    assert str(one.of(Lost)[0]) == "closed by the server"
-    assert one.client.connections == 2
+    listening = run(act)
+    same(listening.of(Instant))
+    assert str(listening.of(Lost)[0]) == "closed by the server"
+    assert listening.client.connections == 2
 
 
 def test_server_that_is_silent_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,14 +166,14 @@ def test_server_that_is_silent_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
         with socket.socket() as mute:
             mute.bind((HERE, 0))
             mute.listen()
-            one = Listening(f"tcp://{HERE}:{mute.getsockname()[1]}/11")
-            await until(lambda: bool(one.told))
-            await one.end()
-            return one.told
+            listening = Listening(f"tcp://{HERE}:{mute.getsockname()[1]}/11")
+            await until(lambda: bool(listening.told))
+            await listening.end()
+            return listening.told
 
-    (told,) = run(act)[:1]
-    assert isinstance(told, Lost)
-    assert told.startswith("silent for")
+    (lost,) = run(act)[:1]
+    assert isinstance(lost, Lost)
+    assert lost.startswith("silent for")
 
 
 def test_configuration_that_changes_while_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,30 +184,30 @@ def test_configuration_that_changes_while_it_runs(monkeypatch: pytest.MonkeyPatc
     after = session.stream(11, turned)
 
     def announced(k: int) -> Instant:
-        one = instant(k)
-        return one._replace(data=one.data._replace(status=one.data.status | stat.CHANGE))
+        changed = instant(k)
+        return changed._replace(data=changed.data._replace(status=changed.data.status | stat.CHANGE))
 
     async def act() -> Listening:
         server = await begun(before)
-        one = Listening(f"tcp://{HERE}:{server.ports[0]}/11")
+        client = Listening(f"tcp://{HERE}:{server.ports[0]}/11")
         await until(lambda: server.listening > 0)
         for k in range(3 * TOTAL):
             if k == 2 * TOTAL:
                 server.stream = after
             server.send(announced(k) if TOTAL <= k < 2 * TOTAL else instant(k))
             await asyncio.sleep(0.02)
-        await until(lambda: len(one.of(Instant)) > 2 * TOTAL + 10)
-        await one.end()
+        await until(lambda: len(client.of(Instant)) > 2 * TOTAL + 10)
+        await client.end()
         await server.end()
-        return one
+        return client
 
-    one = run(act)
-    for got in one.of(Instant):
-        k = (got.soc - 1000) * 60 + got.fraction // 16_666
+    listening = run(act)
+    for received_instant in listening.of(Instant):
+        k = (received_instant.soc - 1000) * 60 + received_instant.fraction // 16_666
         wanted = instant(k).data.phasors
-        np.testing.assert_allclose(got.data.phasors, wanted, atol=1e-6)
-    assert [c.pmus[0].polar for c in one.of(Configuration)][-1] is False
-    assert one.client.receiver.refused == {}
+        np.testing.assert_allclose(received_instant.data.phasors, wanted, atol=1e-6)
+    assert [c.pmus[0].polar for c in listening.of(Configuration)][-1] is False
+    assert listening.client.receiver.refused == {}
 
 
 def test_server_that_knows_no_configuration_3(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -216,19 +216,19 @@ def test_server_that_knows_no_configuration_3(port: int, monkeypatch: pytest.Mon
     with subprocess.Popen([sys.executable, "-c", THEIRS, str(port)], start_new_session=True) as theirs:
 
         async def act() -> Listening:
-            one = Listening(f"tcp://{HERE}:{port}/7")
-            await until(lambda: len(one.of(Instant)) >= 5)
-            await one.end()
-            return one
+            client = Listening(f"tcp://{HERE}:{port}/7")
+            await until(lambda: len(client.of(Instant)) >= 5)
+            await client.end()
+            return client
 
         try:
-            one = run(act)
+            listening = run(act)
         finally:
             os.killpg(theirs.pid, signal.SIGKILL)  # a process a client
-    assert one.of(Configuration)[0].pmus[0].name == "G1"
-    for got in one.of(Instant):
-        assert got.data.frequency[0] == pytest.approx(60.012)
-        np.testing.assert_allclose(got.data.phasors, [[11500.0, 0.25], [20000.0, -0.5]], rtol=1e-6)
+    assert listening.of(Configuration)[0].pmus[0].name == "G1"
+    for received_instant in listening.of(Instant):
+        assert received_instant.data.frequency[0] == pytest.approx(60.012)
+        np.testing.assert_allclose(received_instant.data.phasors, [[11500.0, 0.25], [20000.0, -0.5]], rtol=1e-6)
 
 
 def test_frames_of_another_stream_are_refused_and_counted() -> None:

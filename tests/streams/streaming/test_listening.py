@@ -26,30 +26,30 @@ SERVER = "tcp://pdc:4712/11"
 
 
 def test_server_without_a_configuration_is_shown_with_the_cause() -> None:
-    one = ServerState(address(SERVER))
-    assert str(one) == f"{SERVER}: no configuration: no answer; is the IDCODE right?"
-    one.take(Lost("refused"))
-    assert str(one) == f"{SERVER}: no configuration: refused"
-    assert list(one.rows()) == []
-    assert one.result() == {"server": SERVER, "rate": None, "frames": 0, "refused": {}, "lost": "refused", "pmus": []}
+    state = ServerState(address(SERVER))
+    assert str(state) == f"{SERVER}: no configuration: no answer; is the IDCODE right?"
+    state.take(Lost("refused"))
+    assert str(state) == f"{SERVER}: no configuration: refused"
+    assert list(state.rows()) == []
+    assert state.result() == {"server": SERVER, "rate": None, "frames": 0, "refused": {}, "lost": "refused", "pmus": []}
 
 
 def test_configuration_and_the_newest_values() -> None:
-    one = ServerState(address(SERVER))
-    one.take(served().configuration)
-    assert {row[-1] for row in one.rows()} == {"-"}
-    one.take(instant(0))
-    one.take(instant(1))
-    one.refused, one.why = {"CHK": 2}, "CHK: 0x0000 given"
-    assert str(one) == f"{SERVER}: 2 PMUs, 60 frames/s; 2 frames have come, 2 refused (CHK: 0x0000 given)"
-    rows = list(one.rows())
+    state = ServerState(address(SERVER))
+    state.take(served().configuration)
+    assert {row[-1] for row in state.rows()} == {"-"}
+    state.take(instant(0))
+    state.take(instant(1))
+    state.refused, state.why = {"CHK": 2}, "CHK: 0x0000 given"
+    assert str(state) == f"{SERVER}: 2 PMUs, 60 frames/s; 2 frames have come, 2 refused (CHK: 0x0000 given)"
+    rows = list(state.rows())
     assert [row[0] for row in rows if row[0]] == [pmu.name for pmu in GRID]
     assert [row[3] for row in rows[:5]] == ["STAT", "FREQ", "DFREQ", "V1", "V1 angle"]
-    result = one.result()
+    result = state.result()
     assert result["refused"] == {"CHK": 2}
-    told = {row["name"]: row for row in result["pmus"][1]["channels"]}
-    assert told["V1"] == {"name": "V1", "value": instant(1).data.phasors[2, 0], "unit": "V"}
-    assert set(told) == {"STAT", "FREQ", "DFREQ", "V1", "V1 angle", "I1", "I1 angle", *system_pmus.ANALOGS}
+    channels = {row["name"]: row for row in result["pmus"][1]["channels"]}
+    assert channels["V1"] == {"name": "V1", "value": instant(1).data.phasors[2, 0], "unit": "V"}
+    assert set(channels) == {"STAT", "FREQ", "DFREQ", "V1", "V1 angle", "I1", "I1 angle", *system_pmus.ANALOGS}
 
 
 def test_command_shows_what_a_server_sends(tmp_path: Path) -> None:
@@ -66,8 +66,8 @@ def test_command_shows_what_a_server_sends(tmp_path: Path) -> None:
     lines = out.decode().splitlines()
     assert lines[0].endswith("2 PMUs, 60 frames/s; 1 frames have come")
     assert {pmu.name for pmu in GRID} <= {line.split()[0] for line in lines}
-    (told,) = json.loads((tmp_path / "heard.json").read_text())["servers"]
-    assert (told["frames"], told["lost"]) == (1, None)
+    (row,) = json.loads((tmp_path / "heard.json").read_text())["servers"]
+    assert (row["frames"], row["lost"]) == (1, None)
 
 
 def test_server_that_is_silent_is_one_line(port: int, capsys: pytest.CaptureFixture[str]) -> None:

@@ -47,38 +47,38 @@ def listen(port: int, idcode: int, until: int) -> tuple[list[Any], list[float]]:
         except ConnectionRefusedError:
             assert time.monotonic() < end
             time.sleep(0.05)
-    receiver, found, times = Receiver(), list[Any](), list[float]()
+    receiver, contents, times = Receiver(), list[Any](), list[float]()
     with stream:
         stream.sendall(frame.command(idcode, "send_configuration_3", 0) + frame.command(idcode, "turn_on", 0))
-        while len(found) < until + 1 and (received := stream.recv(65536)):
+        while len(contents) < until + 1 and (received := stream.recv(65536)):
             more = receiver.feed(received)
-            found += more
+            contents += more
             times += [time.monotonic()] * len(more)
     assert (receiver.lost_bytes, receiver.refused) == (0, {})
-    return found, times
+    return contents, times
 
 
 def serve(recording: Path, *options: str) -> subprocess.Popen[str]:
-    told = [sys.executable, "-m", "facts_damping", "pmu-serve", str(recording), "--epoch", str(EPOCH), *options]
-    return subprocess.Popen(told, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", "facts_damping", "pmu-serve", str(recording), "--epoch", str(EPOCH), *options]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def test_client_gets_what_was_recorded(recording: Path, port: int) -> None:
     record = load(recording)
     seen = grid_pmus(load_case("two_area_small", []))
     with serve(recording, "--port", str(port), "--json", "-") as server:
-        found, times = listen(port, 1, len(record.time_ns))
+        contents, times = listen(port, 1, len(record.time_ns))
         out, err = server.communicate(timeout=LOADED_S)
     assert (server.returncode, err) == (0, "")
-    assert [pmu.name for pmu in found[0].pmus] == record.pmus
-    assert len(found) == 1 + len(record.time_ns)
-    for k, one in enumerate(found[1:]):
-        assert isinstance(one, Instant)
-        assert (one.soc, one.fraction) == (EPOCH + k // 60, k % 60 * 1_000_000 // 60)
+    assert [pmu.name for pmu in contents[0].pmus] == record.pmus
+    assert len(contents) == 1 + len(record.time_ns)
+    for k, content in enumerate(contents[1:]):
+        assert isinstance(content, Instant)
+        assert (content.soc, content.fraction) == (EPOCH + k // 60, k % 60 * 1_000_000 // 60)
         wanted = system_pmus.to_data(seen, record.frames[k], record.status[k])
         for name in ("phasors", "frequency", "rocof", "analogs"):
-            np.testing.assert_array_equal(getattr(one.data, name), getattr(wanted, name).astype(np.float32))
-        np.testing.assert_array_equal(one.data.status, 0)
+            np.testing.assert_array_equal(getattr(content.data, name), getattr(wanted, name).astype(np.float32))
+        np.testing.assert_array_equal(content.data.status, 0)
     assert times[-1] - times[1] > 0.9  # its own pace
     (row,) = json.loads(out)["streams"]
     assert (row["frames"], row["clients"], row["dropped"], row["refused"]) == (60, 1, 0, {})
@@ -87,13 +87,13 @@ def test_client_gets_what_was_recorded(recording: Path, port: int) -> None:
 def test_recording_is_served_with_a_stream_for_each_station(recording: Path, port: int) -> None:
     record = load(recording)
     with serve(recording, "--port", str(port), "--each", "--idcode", "40", "--format", "none") as server:
-        found, _ = listen(port + 4, 44, 30)
+        contents, _ = listen(port + 4, 44, 30)
         server.terminate()
         server.communicate(timeout=LOADED_S)
-    assert [(pmu.name, pmu.idcode) for pmu in found[0].pmus] == [("TIE", 44)]
-    told = np.array([one.data.phasors[0, 0] for one in found[1:31]])
+    assert [(pmu.name, pmu.idcode) for pmu in contents[0].pmus] == [("TIE", 44)]
+    magnitudes = np.array([content.data.phasors[0, 0] for content in contents[1:31]])
     volts = grid_pmus(load_case("two_area_small", []))[4].volts
-    assert np.abs(told / volts - record.frames[:30, 4, system_pmus.MAGNITUDE]).max() < 2.0 / 30000
+    assert np.abs(magnitudes / volts - record.frames[:30, 4, system_pmus.MAGNITUDE]).max() < 2.0 / 30000
 
 
 def test_instants_without_measurements_are_absent_from_the_stream() -> None:
@@ -104,7 +104,7 @@ def test_instants_without_measurements_are_absent_from_the_stream() -> None:
     ticks = round(timed[0][0] * 60)
     assert 0 < ticks < 20
     assert (timed[0][1].soc, timed[0][1].fraction) == (EPOCH, 0)
-    assert [one.fraction for _, one in timed[:3]] == [0, 16666, 33333]
+    assert [instant.fraction for _, instant in timed[:3]] == [0, 16666, 33333]
     assert len(timed) == len(record.time_ns) - ticks
 
 

@@ -35,8 +35,8 @@ OPEN: list[asyncio.StreamWriter] = []  # clients of a test
 
 
 def served(**formats: bool) -> session.Stream:
-    made = system_pmus.configuration(GRID, 60, 60, {**FORMATS, **formats})
-    return session.stream(11, made, "two PMUs")
+    configured = system_pmus.configuration(GRID, 60, 60, {**FORMATS, **formats})
+    return session.stream(11, configured, "two PMUs")
 
 
 def instant(k: int) -> Instant:
@@ -45,11 +45,13 @@ def instant(k: int) -> Instant:
     return Instant(1000 + k // 60, k % 60 * 16_666, 0, system_pmus.to_data(GRID, values, np.zeros(2, np.int64)))
 
 
-def run(act: Callable[[Server], Awaitable[Any]], one: session.Stream | None = None, **begin: Any) -> tuple[Any, Server]:
+def run(
+    act: Callable[[Server], Awaitable[Any]], stream: session.Stream | None = None, **begin: Any
+) -> tuple[Any, Server]:
     """Act on a server on the loopback, and end it."""
 
     async def whole() -> tuple[Any, Server]:
-        server = Server(one or served(), lambda: (1000, 0))
+        server = Server(stream or served(), lambda: (1000, 0))
         await server.begin(**{"tcp": (HERE, 0), "udp": None, **begin})
         try:
             return await asyncio.wait_for(act(server), 30.0), server
@@ -77,10 +79,10 @@ async def client(server: Server, *commands: str) -> tuple[asyncio.StreamReader, 
 
 
 async def gather(reader: asyncio.StreamReader, count: int, size: int = 1000) -> list[Any]:
-    receiver, found = Receiver(), list[Any]()
-    while len(found) < count and (received := await reader.read(size)):
-        found += receiver.feed(received)
-    return found
+    receiver, contents = Receiver(), list[Any]()
+    while len(contents) < count and (received := await reader.read(size)):
+        contents += receiver.feed(received)
+    return contents
 
 
 def test_many_clients_get_the_same() -> None:
@@ -92,14 +94,14 @@ def test_many_clients_get_the_same() -> None:
             server.send(instant(k))
         return [await gather(reader, 3 + TOTAL) for reader, _ in there]
 
-    found, server = run(act)
-    for one in found:
-        assert one[0] == "two PMUs"
-        assert one[1].pmus[1].name == one[2].pmus[1].name == "TIE"
-        for k, got in enumerate(one[3:]):
-            assert (got.soc, got.fraction) == (instant(k).soc, instant(k).fraction)
+    by_client, server = run(act)
+    for contents in by_client:
+        assert contents[0] == "two PMUs"
+        assert contents[1].pmus[1].name == contents[2].pmus[1].name == "TIE"
+        for k, received_instant in enumerate(contents[3:]):
+            assert (received_instant.soc, received_instant.fraction) == (instant(k).soc, instant(k).fraction)
             wanted = instant(k).data.phasors.astype(np.float32).astype(float)
-            np.testing.assert_array_equal(got.data.phasors, wanted)
+            np.testing.assert_array_equal(received_instant.data.phasors, wanted)
     assert (server.counts.frames, server.counts.clients, server.counts.refused) == (TOTAL, 5, {})
 
 
@@ -114,31 +116,31 @@ def test_data_ends_where_it_is_turned_off() -> None:
         await server.end()
         return await reader.read()
 
-    found, _ = run(act)
-    assert found == session.data_frame(served(), instant(0))
+    received, _ = run(act)
+    assert received == session.data_frame(served(), instant(0))
 
 
 def test_slow_client_is_dropped_and_counted() -> None:
     """One that reads nothing; another reads all the time."""
     wide = session.stream(11, system_pmus.configuration(GRID * 100, 60, 60, FORMATS))
     values = np.ones((len(GRID) * 100, len(CHANNELS)))
-    one = Instant(1, 0, 0, system_pmus.to_data(GRID * 100, values, np.zeros(len(values), np.int64)))
+    large_frame = Instant(1, 0, 0, system_pmus.to_data(GRID * 100, values, np.zeros(len(values), np.int64)))
 
     async def act(server: Server) -> tuple[int, int]:
         await client(server, "turn_on")
         reader, _ = await client(server, "turn_on")
         await until(lambda: server.listening == 2)
-        got = asyncio.create_task(reader.read())
+        reading = asyncio.create_task(reader.read())
         while server.counts.dropped == 0:
-            server.send(one)
+            server.send(large_frame)
             await asyncio.sleep(0)
         left = server.listening
         await server.end()
-        return left, len(await got)
+        return left, len(await reading)
 
-    (left, got), server = run(act, wide)
+    (left, received_bytes), server = run(act, wide)
     assert (left, server.counts.dropped) == (1, 1)
-    assert got == server.counts.frames * len(session.data_frame(wide, one))
+    assert received_bytes == server.counts.frames * len(session.data_frame(wide, large_frame))
 
 
 def test_rubbish_is_counted_and_ends_nothing() -> None:
@@ -148,8 +150,8 @@ def test_rubbish_is_counted_and_ends_nothing() -> None:
         writer.write(session.data_frame(served(), instant(0)) + frame.command(11, "send_header", 5))
         return await gather(reader, 1)
 
-    found, server = run(act)
-    assert found == ["two PMUs"]
+    contents, server = run(act)
+    assert contents == ["two PMUs"]
     assert server.counts.refused == {"bytes that are no frame": 18, "IDCODE": 1, "SYNC": 1}
 
 
@@ -163,10 +165,10 @@ def receive(count: int, group: str | None = None) -> tuple[socket.socket, Callab
         listening.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
 
     def read() -> list[Any]:
-        receiver, found = Receiver(), list[Any]()
-        while len(found) < count:
-            found += receiver.take([listening.recv(65535)])
-        return found
+        receiver, contents = Receiver(), list[Any]()
+        while len(contents) < count:
+            contents += receiver.take([listening.recv(65535)])
+        return contents
 
     return listening, read
 
@@ -184,8 +186,8 @@ def test_datagrams_are_answered_and_turned_on() -> None:
         return await asyncio.to_thread(read)
 
     with listening:
-        found, server = run(act, tcp=None, udp=(HERE, 0))
-    assert [type(one) for one in found] == [configuration.Configuration, *[Instant] * TOTAL]
+        contents, server = run(act, tcp=None, udp=(HERE, 0))
+    assert [type(content) for content in contents] == [configuration.Configuration, *[Instant] * TOTAL]
     assert (server.counts.clients, sum(server.counts.refused.values())) == (1, 1)
 
 
@@ -218,8 +220,8 @@ def test_bytes_that_look_like_the_begin_of_long_frames_cost_little() -> None:
         return await gather(reader, 1)
 
     began = time.process_time()
-    found, server = run(act)
-    assert found == ["two PMUs"]
+    contents, server = run(act)
+    assert contents == ["two PMUs"]
     assert server.counts.refused == {"bytes that are no frame": 80_000}
     assert time.process_time() - began < 4.0  # it was as many seconds as there are 16 KiB
 
@@ -235,16 +237,16 @@ def test_fixed_receivers_get_configuration_and_data(group: str | None) -> None:
 
     with listening:
         to = (group or HERE, listening.getsockname()[1])
-        found, _ = run(act, tcp=None, udp=(HERE, 0), fixed=[to])
-    assert [type(one) for one in found] == [configuration.Configuration, Instant, Instant]
+        contents, _ = run(act, tcp=None, udp=(HERE, 0), fixed=[to])
+    assert [type(content) for content in contents] == [configuration.Configuration, Instant, Instant]
 
 
 def test_port_that_is_taken_is_said() -> None:
-    with socket.socket() as taken:
-        taken.bind((HERE, 0))
-        taken.listen()
+    with socket.socket() as bound:
+        bound.bind((HERE, 0))
+        bound.listen()
         with pytest.raises(RunError, match=r"allowed: an address of this computer and a free port"):
-            run(lambda _server: asyncio.sleep(0), tcp=taken.getsockname())
+            run(lambda _server: asyncio.sleep(0), tcp=bound.getsockname())
 
 
 def test_another_programs_client_reads_it() -> None:
@@ -270,9 +272,9 @@ def test_another_programs_client_reads_it() -> None:
         await asking
         return out
 
-    found, _ = run(act)
-    assert found["configuration"].get_station_name() == ["G1".ljust(16), "TIE".ljust(16)]
-    for k, one in enumerate(found["data"]):
+    client_saw, _ = run(act)
+    assert client_saw["configuration"].get_station_name() == ["G1".ljust(16), "TIE".ljust(16)]
+    for k, measurement in enumerate(client_saw["data"]):
         wanted = instant(k).data.phasors.astype(np.float32).reshape(2, 2, 2)
-        got = np.array([[list(p) for p in pmu["phasors"]] for pmu in one["measurements"]])
-        np.testing.assert_allclose(got, wanted, rtol=1e-6)
+        phasors = np.array([[list(p) for p in pmu["phasors"]] for pmu in measurement["measurements"]])
+        np.testing.assert_allclose(phasors, wanted, rtol=1e-6)

@@ -25,16 +25,16 @@ def rows(pmus: int, value: float) -> np.ndarray[tuple[int, int], np.dtype[np.flo
 @given(st.permutations([(s, k) for s in range(3) for k in range(5)]))
 def test_instants_come_in_their_order_once_all_have_spoken(order: list[tuple[int, int]]) -> None:
     """Whatever the order in which PMUs speak, each instant is given once, with what each has said of it."""
-    alignment, found = Alignment(3), list[AlignedFrame]()
+    alignment, aligned = Alignment(3), list[AlignedFrame]()
     alignment.put(-1, PmuReport(np.arange(3), rows(3, 0.0), np.zeros(3, np.int64)))
-    assert [one.instant for one in alignment.take()] == [-1]
+    assert [frame.instant for frame in alignment.take()] == [-1]
     for s, k in order:
         assert alignment.put(k, PmuReport(np.array([s]), rows(1, 10.0 * k + s), SOUND))
-        found += alignment.take()
-    assert [one.instant for one in found] == list(range(5))
-    for one in found:
-        assert one.there.all()
-        assert one.values[:, 0].tolist() == [10.0 * one.instant + s for s in range(3)]
+        aligned += alignment.take()
+    assert [frame.instant for frame in aligned] == list(range(5))
+    for frame in aligned:
+        assert frame.there.all()
+        assert frame.values[:, 0].tolist() == [10.0 * frame.instant + s for s in range(3)]
     assert alignment.late == 0
 
 
@@ -46,8 +46,8 @@ def test_time_alignment_gives_or_counts_every_entry(said: list[tuple[int, int]],
         newest = max(newest, k)
         if alignment.put(k, PmuReport(np.array([s]), rows(1, 1.0), SOUND)):
             put.add((s, k))
-        given_entries += sum(int(one.there.sum()) for one in alignment.take(newest - waits))
-    given_entries += sum(int(one.there.sum()) for one in alignment.take(99))
+        given_entries += sum(int(frame.there.sum()) for frame in alignment.take(newest - waits))
+    given_entries += sum(int(frame.there.sum()) for frame in alignment.take(99))
     assert given_entries == len(put)
     assert alignment.late + len(put) <= len(said)
 
@@ -58,11 +58,11 @@ def feed(following: Following, instant: int, now: float) -> list[Tick]:
 
 
 def test_ticks_are_the_instants_of_a_stream() -> None:
-    following, found = Following(1, RATE, WAIT), list[tuple[int, float]]()
+    following, numbers = Following(1, RATE, WAIT), list[tuple[int, float]]()
     for k in range(100):
         ticks = feed(following, 5000 + k, 10.0 + k / RATE + 0.02 * (k % 3))
-        found += [(one.number, one.frame.values[0, 0]) for one in ticks if one.frame is not None]
-    assert found == [(k, 5000.0 + k) for k in range(100)]
+        numbers += [(tick.number, tick.frame.values[0, 0]) for tick in ticks if tick.frame is not None]
+    assert numbers == [(k, 5000.0 + k) for k in range(100)]
     assert (following.alignment.late, following.moved) == (0, 0)
 
 
@@ -100,7 +100,7 @@ def test_burst_after_a_stall_is_late_and_does_not_move_the_clock() -> None:
         come = [n // 2] if n % 2 == 0 and not 2.0 <= now < 5.0 else []
         for k in range(120, 301) if n == 600 else come:
             following.put(k, PmuReport(ONE, rows(1, float(k)), SOUND, HERE), now)
-        numbers += [(one.number, one.frame.values[0, 0]) for one in following.take(now) if one.frame is not None]
+        numbers += [(tick.number, tick.frame.values[0, 0]) for tick in following.take(now) if tick.frame is not None]
     assert following.moved == 0
     assert all(number == instant for number, instant in numbers)
     assert numbers[-1][0] == 479
@@ -112,7 +112,7 @@ def test_stamps_of_another_time_are_taken_for_those_of_now() -> None:
         following, numbers = Following(1, RATE, WAIT), list[int]()
         for k in range(300):
             ticks = feed(following, 10**6 + k + (jump if k >= 100 else 0), k / RATE)
-            numbers += [one.number for one in ticks if one.frame is not None]
+            numbers += [tick.number for tick in ticks if tick.frame is not None]
         assert following.moved == 1
         assert 299 - WAIT * RATE - 2 < numbers[-1] <= 299  # it goes on with the first tick that was not over
         assert len(ticks) < 5
@@ -122,7 +122,7 @@ def test_instants_before_the_first_one_are_late_and_shift_no_tick() -> None:
     following = Following(2, RATE, WAIT)
     for instant in (100, *range(50, 100), 101):
         following.put(instant, PmuReport(np.arange(2), rows(2, instant), np.zeros(2, np.int64)), 0.0)
-    ticks = [(one.number, one.frame.instant) for one in following.take(0.0) if one.frame is not None]
+    ticks = [(tick.number, tick.frame.instant) for tick in following.take(0.0) if tick.frame is not None]
     assert ticks == [(0, 100), (1, 101)]
     assert following.alignment.late == 100
 

@@ -101,10 +101,10 @@ def insert(fault: Fault) -> Callable[[], None]:
     return take_out
 
 
-def _take_over(own: Any, changed: Any) -> Iterator[tuple[Any, types.CodeType]]:
+def _take_over(functions: Any, changed: Any) -> Iterator[tuple[Any, types.CodeType]]:
     """Give functions the code of their changed namesakes; yields them with the code that they had."""
-    for name, one in list(own.items()):
-        value, new = (getattr(row, "__wrapped__", row) for row in (one, changed.get(name)))  # of a context manager
+    for name, function in list(functions.items()):
+        value, new = (getattr(row, "__wrapped__", row) for row in (function, changed.get(name)))  # of a context manager
         if isinstance(value, property):
             value, new = value.fget, new.fget
         if isinstance(value, types.FunctionType) and isinstance(new, types.FunctionType):
@@ -117,8 +117,8 @@ def _take_over(own: Any, changed: Any) -> Iterator[tuple[Any, types.CodeType]]:
 def found_within(fault: Fault, minutes: float, seed: int, jobs: int) -> tuple[float, Findings]:
     """Wall time in s until storms break a rule, and what they found."""
     began = time.monotonic()
-    found = search(minutes, seed, jobs, enough=lambda one: bool(one.broken))
-    return time.monotonic() - began, found
+    findings = search(minutes, seed, jobs, enough=lambda findings_so_far: bool(findings_so_far.broken))
+    return time.monotonic() - began, findings
 
 
 def main() -> None:
@@ -133,9 +133,9 @@ def main() -> None:
     for number in chosen:
         fault = FAULTS[number]
         take_out = insert(fault)
-        seconds, found = found_within(fault, arguments.minutes, arguments.seed, arguments.jobs)
-        rule = next(iter(found.broken), "NOT FOUND")
-        sys.stdout.write(f"| {number} | {fault.what} | {seconds:.0f} | {found.storms} | {rule[:90]} |\n")
+        seconds, findings = found_within(fault, arguments.minutes, arguments.seed, arguments.jobs)
+        rule = next(iter(findings.broken), "NOT FOUND")
+        sys.stdout.write(f"| {number} | {fault.what} | {seconds:.0f} | {findings.storms} | {rule[:90]} |\n")
         sys.stdout.flush()
         take_out()
 

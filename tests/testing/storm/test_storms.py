@@ -45,7 +45,7 @@ def test_rules_hold_in_storms_of_fixed_seeds_and_of_a_random_one(tmp_path: Path)
     for number, storm in enumerate(storms):
         trace = assert_holds(storm, tmp_path / str(number))
         modes.add(trace.mode)
-        kinds.update(one.kind for one in trace.timeline)
+        kinds.update(done.kind for done in trace.timeline)
     assert modes == set(drawing.MODES)
     assert len(kinds) > 0.8 * len(KINDS)
 
@@ -60,10 +60,10 @@ def test_storm_repeats_itself(tmp_path: Path) -> None:
     storm = drawing.draw(12)
     (tmp_path / "storm.yaml").write_text(storm.text())
     first, second = (
-        assert_holds(one, tmp_path / name)
-        for name, one in (("first", storm), ("second", model.read(tmp_path / "storm.yaml")))
+        assert_holds(repeated, tmp_path / name)
+        for name, repeated in (("first", storm), ("second", model.read(tmp_path / "storm.yaml")))
     )
-    logs = [[row for row in one.logs if "messages written" not in row[3]] for one in (first, second)]
+    logs = [[row for row in trace.logs if "messages written" not in row[3]] for trace in (first, second)]
     assert logs[0] == logs[1]
     assert first.world_s == second.world_s
     assert first.record is not None
@@ -81,7 +81,7 @@ def test_storm_repeats_itself(tmp_path: Path) -> None:
 )
 def fault(request: pytest.FixtureRequest) -> Iterator[str]:
     """One of the deliberate faults, in this process."""
-    (chosen,) = [one for one in FAULTS if one.what == request.param]
+    (chosen,) = [deliberate for deliberate in FAULTS if deliberate.what == request.param]
     take_out = insert(chosen)
     yield chosen.what
     take_out()
@@ -95,36 +95,38 @@ def test_deliberate_fault_is_found_and_shrunk(fault: str, tmp_path: Path) -> Non
         folder.mkdir()
         return violations(running.run(storm, folder))
 
-    storm, found = next((storm, found) for seed in range(100) if (found := broken(storm := drawing.draw(seed))))
-    mark = fingerprint(*found[0])
-    mild = shrink(storm, lambda one: mark in [fingerprint(*row) for row in broken(one)], most=15)
+    storm, violated = next(
+        (storm, violated) for seed in range(100) if (violated := broken(storm := drawing.draw(seed)))
+    )
+    mark = fingerprint(*violated[0])
+    mild = shrink(storm, lambda milder: mark in [fingerprint(*row) for row in broken(milder)], most=15)
     assert mark in [fingerprint(*row) for row in broken(mild)], fault
     assert len(mild.events) <= min(2, len(storm.events))
 
 
 def test_storm_that_reaches_something_new_is_kept_and_varied() -> None:
-    found, storm = search.Findings(), drawing.draw(3)
+    search_findings, storm = search.Findings(), drawing.draw(3)
     reached = search.Result([], frozenset(["a log"]), 1.0, 1.0)
     for _ in range(2):
-        found.add(storm, reached)
-    assert (found.storms, found.kept, found.world_s) == (2, [storm], 2.0)
+        search_findings.add(storm, reached)
+    assert (search_findings.storms, search_findings.kept, search_findings.world_s) == (2, [storm], 2.0)
     chance = random.Random(0)
     varied = [search.vary(storm, chance) for _ in range(20)]
-    assert all(one.run == storm.run for one in varied)
-    assert len({one.text() for one in varied}) == len(varied)
+    assert all(varied_storm.run == storm.run for varied_storm in varied)
+    assert len({varied_storm.text() for varied_storm in varied}) == len(varied)
 
 
 def test_search_counts_what_it_tries_until_an_interrupt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(found: search.Findings) -> None:
-        if found.storms == 3:
+    def interrupt(so_far: search.Findings) -> None:
+        if so_far.storms == 3:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(search, "RAM", tmp_path)
-    found = search.search(1.0, 1, 1, interrupt)
-    assert (found.storms, found.complete) == (3, False)
+    findings = search.search(1.0, 1, 1, interrupt)
+    assert (findings.storms, findings.complete) == (3, False)
     assert list(tmp_path.iterdir()) == []  # though its worker was killed within a storm
-    assert found.plant_s > 0.0
-    assert not found.broken
+    assert findings.plant_s > 0.0
+    assert not findings.broken
 
 
 def test_storm_events_of_all_kinds_are_put_into_words() -> None:
@@ -172,9 +174,9 @@ def test_rules_judge_a_recording_alone(tmp_path: Path) -> None:
 
 def test_growing_memory_is_a_violation() -> None:
     """50 blocks are kept in each tick, or 1."""
-    made = running.Trace(make_case({}, "run"), "lockstep")
-    grown = [violations(replace(made, memory=[(500, 10**6), (1000, 10**6 + 500 * each)])) for each in (50, 1)]
-    assert [[name for name, _ in found] for found in grown] == [["memory_is_bounded"], []]
+    trace = running.Trace(make_case({}, "run"), "lockstep")
+    grown = [violations(replace(trace, memory=[(500, 10**6), (1000, 10**6 + 500 * each)])) for each in (50, 1)]
+    assert [[name for name, _ in violated] for violated in grown] == [["memory_is_bounded"], []]
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.what)

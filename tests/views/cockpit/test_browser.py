@@ -48,9 +48,9 @@ class Browser:
 
     def __init__(self, page: Any, address: str) -> None:
         self.page, self.origin, self.wrong = page, address.partition("?")[0], list[str]()
-        page.on("pageerror", lambda one: self.wrong.append(str(one)))
-        page.on("console", lambda one: self.wrong.append(one.text) if one.type == "error" else None)
-        page.on("request", lambda one: self.asked(one.url))
+        page.on("pageerror", lambda error: self.wrong.append(str(error)))
+        page.on("console", lambda message: self.wrong.append(message.text) if message.type == "error" else None)
+        page.on("request", lambda request: self.asked(request.url))
         page.goto(address)
         page.wait_for_selector("#run:has-text('running')", timeout=PATIENCE_MS)
 
@@ -76,8 +76,8 @@ class Browser:
 
     def press(self, control: str, *keys: str) -> None:
         """Focus a control, and press keys."""
-        found = self.page.locator(f"[data-control='{control}']").locator(PARTS)
-        found.first.focus()
+        parts = self.page.locator(f"[data-control='{control}']").locator(PARTS)
+        parts.first.focus()
         for key in keys:
             self.page.keyboard.press(key) if len(key) > 1 else self.page.keyboard.type(key)
 
@@ -87,17 +87,17 @@ def browser(folder: Path, mode: str, *sets: str) -> Iterator[Browser]:
     """A page of the run as a graph, whose recording is in the folder; nothing may go wrong in it."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 (a hundred megabytes)
 
-    command = [*RUN, "--mode", mode, *(part for one in sets for part in ("--set", one)), "--out", str(folder)]
+    command = [*RUN, "--mode", mode, *(part for setting in sets for part in ("--set", setting)), "--out", str(folder)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
         try:
             assert run.stdout is not None
-            address = next(found[0] for line in run.stdout if (found := re.search(r"http://\S+", line)))
+            address = next(match[0] for line in run.stdout if (match := re.search(r"http://\S+", line)))
             with sync_playwright() as driver:
                 started = driver.chromium.launch(executable_path=CHROMIUM, args=START)
-                made = Browser(started.new_page(bypass_csp=True), address)
-                yield made
+                page_of_run = Browser(started.new_page(bypass_csp=True), address)
+                yield page_of_run
                 started.close()
-            assert made.wrong == []
+            assert page_of_run.wrong == []
         finally:
             run.terminate()  # SIGINT is ignored where a script has started all of this by `&`
             killer = threading.Timer(PATIENCE_MS / 1e3, run.kill)
@@ -110,27 +110,27 @@ def browser(folder: Path, mode: str, *sets: str) -> Iterator[Browser]:
 def test_delay_makes_the_swing_grow_until_the_supervisor_trips(domain: int, tmp_path: Path) -> None:
     """By keyboard alone, in lockstep; the link is cut and mended, too. The recording has all of it."""
     swings = []
-    with browser(tmp_path, "lockstep", *CALM) as one:
+    with browser(tmp_path, "lockstep", *CALM) as page:
         for width, scheme in WIDTHS:
-            one.page.set_viewport_size({"width": width, "height": 900})
-            one.page.emulate_media(color_scheme=scheme)
-            assert one.page.evaluate("document.documentElement.scrollWidth") <= width
-        one.page.set_viewport_size({"width": 1440, "height": 900})
-        one.until(f"status.states['{NODE}'] === 'armed'")
+            page.page.set_viewport_size({"width": width, "height": 900})
+            page.page.emulate_media(color_scheme=scheme)
+            assert page.page.evaluate("document.documentElement.scrollWidth") <= width
+        page.page.set_viewport_size({"width": 1440, "height": 900})
+        page.until(f"status.states['{NODE}'] === 'armed'")
         for delay in (0, 300):
-            one.press("link/wan_link/delay", "Tab", "Control+a", *str(delay), "Enter")
-            one.press("grid/fault", "Tab", "Tab", "Enter")
-            one.passes(4.0)
-            swings.append(one.page.evaluate(RANGE, ["w13", "difference", *one.passes(3.0)]))
-        one.press("link/wan_link/delay", "Tab", "Control+a", *"400", "Enter")
-        one.until(f"status.states['{NODE}'] === 'tripped'")
-        one.press("link/wan_link/cut", "Space")
-        one.until("status.cut.length === 1")
-        one.press("link/wan_link/cut", "Space")
-        one.until("status.cut.length === 0")
-        one.press("grid/line", "Tab", "Tab", "Enter")
-        one.page.wait_for_selector(".branch.out", state="attached", timeout=PATIENCE_MS)
-        assert "tripped" in one.page.locator("[data-part='log']").inner_text()
+            page.press("link/wan_link/delay", "Tab", "Control+a", *str(delay), "Enter")
+            page.press("grid/fault", "Tab", "Tab", "Enter")
+            page.passes(4.0)
+            swings.append(page.page.evaluate(RANGE, ["w13", "difference", *page.passes(3.0)]))
+        page.press("link/wan_link/delay", "Tab", "Control+a", *"400", "Enter")
+        page.until(f"status.states['{NODE}'] === 'tripped'")
+        page.press("link/wan_link/cut", "Space")
+        page.until("status.cut.length === 1")
+        page.press("link/wan_link/cut", "Space")
+        page.until("status.cut.length === 0")
+        page.press("grid/line", "Tab", "Tab", "Enter")
+        page.page.wait_for_selector(".branch.out", state="attached", timeout=PATIENCE_MS)
+        assert "tripped" in page.page.locator("[data-part='log']").inner_text()
     assert 0.0 < 2.0 * swings[0] < swings[1]
     record = load(tmp_path / "recording")
     delays = [change.value["up"][-1].get("delay") for change in record.changes if change.kind == "link"]
@@ -167,10 +167,10 @@ def test_link_on_another_site_opens_the_page() -> None:
 
 @needs_browser
 def test_node_is_killed_and_restarted_on_the_page(domain: int, tmp_path: Path) -> None:
-    with browser(tmp_path, "realtime", *CALM) as one:
-        one.page.locator("summary", has_text="Nodes").press("Enter")
-        one.press(f"nodes/{NODE}/kill", "Enter")
-        one.until(f"status.nodes['{NODE}'] === 'dead'")
-        one.press(f"nodes/{NODE}/restart", "Enter")
-        one.until(f"status.nodes['{NODE}'] === 'alive'")
+    with browser(tmp_path, "realtime", *CALM) as page:
+        page.page.locator("summary", has_text="Nodes").press("Enter")
+        page.press(f"nodes/{NODE}/kill", "Enter")
+        page.until(f"status.nodes['{NODE}'] === 'dead'")
+        page.press(f"nodes/{NODE}/restart", "Enter")
+        page.until(f"status.nodes['{NODE}'] === 'alive'")
     assert [joined.node for joined in load(tmp_path / "recording").joined] == [NODE]

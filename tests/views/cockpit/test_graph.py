@@ -119,4 +119,4 @@ def test_lockstep_with_a_cockpit_keeps_its_bits(domain: int, tmp_path: Path) -> 
     page.thread.join(PATIENCE_S)
     assert_same(load(outcome.recording), loop.run(case))
     assert page.frames
-    assert not any("kill" in one["id"] for one in page.layout["controls"])
+    assert not any("kill" in control["id"] for control in page.layout["controls"])

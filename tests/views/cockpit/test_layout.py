@@ -30,22 +30,22 @@ def case(request: pytest.FixtureRequest) -> Case:
 def indices(shown: dict[str, Any]) -> list[int]:
     """All indices of curves in a panel."""
     drawn = shown["diagram"]
-    found = [bus["frequency"] for bus in drawn["buses"]] + [link["latency"] for link in drawn["links"]]
-    found += [m[key] for m in drawn["machines"] for key in ("angle", "power")]
-    found += [d["setpoint"] for d in drawn["devices"] if d["setpoint"] is not None]
-    found += [monitor["curve"] for monitor in shown["monitors"]]
-    return [*found, *(i for chart in shown["charts"] for i in chart["curves"])]
+    curves = [bus["frequency"] for bus in drawn["buses"]] + [link["latency"] for link in drawn["links"]]
+    curves += [m[key] for m in drawn["machines"] for key in ("angle", "power")]
+    curves += [d["setpoint"] for d in drawn["devices"] if d["setpoint"] is not None]
+    curves += [monitor["curve"] for monitor in shown["monitors"]]
+    return [*curves, *(i for chart in shown["charts"] for i in chart["curves"])]
 
 
 def test_cockpit_layout_shows_all_parts_of_the_grid_with_their_curves(case: Case) -> None:
-    made = layout.panel(case, "it")
-    shown, drawn, system = made.shown, made.shown["diagram"], case.system
+    panel = layout.panel(case, "it")
+    shown, drawn, system = panel.shown, panel.shown["diagram"], case.system
     json.dumps(shown, allow_nan=False)
     assert [bus["name"] for bus in drawn["buses"]] == [bus.name for bus in system.buses]
     assert len({(bus["x"], bus["y"]) for bus in drawn["buses"]}) == len(system.buses)
     assert {m["name"] for m in drawn["machines"]} == {m.name for m in system.machines}
     branches = {branch["name"] for branch in drawn["branches"]}
-    assert {line.name for line in system.lines} | {one.name for one in system.transformers} <= branches
+    assert {line.name for line in system.lines} | {transformer.name for transformer in system.transformers} <= branches
     assert set(case.run.devices) <= {d["name"] for d in drawn["devices"]}
     assert sorted(set(indices(shown))) == list(range(len(shown["curves"])))
     assert {chart["unit"] for chart in shown["charts"]} >= {"Hz", "deg", "MW", "p.u.", "ms"}
@@ -83,13 +83,13 @@ def values_of(control: Control) -> list[Any]:
 
 
 def test_checks_of_the_run_accept_what_every_control_becomes(case: Case) -> None:
-    found = controls.controls(case, launched=True)
+    by_id = controls.controls(case, launched=True)
     standing: controls.Values = {}
     links = [str(address) for address in names.link_addresses(case)]
-    for control in found.values():
+    for control in by_id.values():
         json.dumps(control.shown, allow_nan=False)
-        for given in values_of(control):
-            channel, value = controls.checked(control, given)
+        for value_of_page in values_of(control):
+            channel, value = controls.checked(control, value_of_page)
             if control.keeps:
                 standing[control.id, channel] = value
             request = control.request(value, standing)
@@ -104,21 +104,21 @@ def test_checks_of_the_run_accept_what_every_control_becomes(case: Case) -> None
                 with_event(now, request.content, 2 * 10**9)
             elif request.kind == controls.LINE:
                 assert request.content.split()[1] in names.replaceable(case)
-    groups = {control.shown["group"] for control in found.values()}
+    groups = {control.shown["group"] for control in by_id.values()}
     assert groups == {"link", "grid", "nodes", "run"} | ({"supervisor"} if case.supervision else set())
 
 
 def test_sliders_of_a_link_add_up_and_return_to_the_run_s_own_link() -> None:
     case = load_case("two_area_deployment")
-    found, standing = controls.controls(case), dict[tuple[str, str], Any]()
+    by_id, standing = controls.controls(case), dict[tuple[str, str], Any]()
 
-    def link(name: str, given: Any) -> Any:
-        control = found[f"link/wan_link/{name}"]
-        channel, value = controls.checked(control, given)
+    def link(name: str, moved: Any) -> Any:
+        control = by_id[f"link/wan_link/{name}"]
+        channel, value = controls.checked(control, moved)
         standing[control.id, channel] = value
         return with_link(case, 0, control.request(value, standing).content).links[0]
 
-    own = case.links[0]
+    link_of_run = case.links[0]
     assert link("delay", 400).up[-1].delay == 0.4
     up = link("jitter", 50).up
     assert (up[-1].model, up[-1].low, up[-1].high) == ("uniform", 0.4, 0.45)
@@ -128,11 +128,11 @@ def test_sliders_of_a_link_add_up_and_return_to_the_run_s_own_link() -> None:
     for name in ("delay", "jitter"):
         link(name, 0)
     link("cut", False)
-    assert link("loss", {"value": 0, "channel": "sssc"}) == own
+    assert link("loss", {"value": 0, "channel": "sssc"}) == link_of_run
 
 
 @pytest.mark.parametrize(
-    ("name", "given", "text"),
+    ("name", "value", "text"),
     [
         ("link/wan_link/delay", 501, r"link/wan_link/delay: 501 given; allowed: 0 to 500"),
         ("link/wan_link/delay", True, r"True given; allowed: 0 to 500"),
@@ -147,9 +147,9 @@ def test_sliders_of_a_link_add_up_and_return_to_the_run_s_own_link() -> None:
         ("run/step", {"ticks": 0}, r"run/step: ticks: 0 given; allowed: 1 to 6000"),
     ],
 )
-def test_value_that_is_not_allowed_is_named_with_what_is(name: str, given: Any, text: str) -> None:
+def test_value_that_is_not_allowed_is_named_with_what_is(name: str, value: Any, text: str) -> None:
     with pytest.raises(InputError, match=text):
-        controls.checked(controls.controls(load_case("two_area_deployment"))[name], given)
+        controls.checked(controls.controls(load_case("two_area_deployment"))[name], value)
 
 
 def test_kill_and_restart_are_there_only_where_a_launcher_reads_them() -> None:
@@ -157,7 +157,11 @@ def test_kill_and_restart_are_there_only_where_a_launcher_reads_them() -> None:
     asked = {launched: set(controls.controls(case, launched=launched)) for launched in (True, False)}
     more = asked[True] - asked[False]
     assert more == {f"nodes/{node}/{what}" for node in names.replaceable(case) for what in ("kill", "restart")}
-    assert not any("plant_sim" in one or "recorder" in one for one in asked[True] if one.startswith("nodes/"))
+    assert not any(
+        "plant_sim" in control_id or "recorder" in control_id
+        for control_id in asked[True]
+        if control_id.startswith("nodes/")
+    )
 
 
 def test_damping_is_estimated_from_the_last_seconds_and_after_events_anew() -> None:
@@ -174,19 +178,19 @@ def test_damping_is_estimated_from_the_last_seconds_and_after_events_anew() -> N
 def test_curves_of_a_record_are_its_columns_at_twenty_a_second() -> None:
     case = load_case("two_area_deployment", ["duration=4"])
     record = loop.run(case)
-    made = layout.panel(case, "it")
-    found = samples.of_record(case, made, record)
-    rows = np.searchsorted(record.time_s, found[:, 0] - 1e-6)
-    np.testing.assert_allclose(np.diff(found[:, 0]), 0.05, atol=1e-6)
+    panel = layout.panel(case, "it")
+    curves = samples.of_record(case, panel, record)
+    rows = np.searchsorted(record.time_s, curves[:, 0] - 1e-6)
+    np.testing.assert_allclose(np.diff(curves[:, 0]), 0.05, atol=1e-6)
     columns = record.arrays | samples.latencies(case, record)
     checked = 0
-    for i, curve in enumerate(made.curves):
+    for i, curve in enumerate(panel.curves):
         if curve.parts:
             wanted = curve.offset + sum(weight * columns[name][rows] for name, weight in curve.parts.items())
             wanted = np.asarray(wanted, np.float32)
-            np.testing.assert_allclose(found[:, 1 + i], wanted, rtol=1e-5, atol=1e-4)
+            np.testing.assert_allclose(curves[:, 1 + i], wanted, rtol=1e-5, atol=1e-4)
             checked += 1
     assert checked > 50
-    angles = found[:, [1 + m["angle"] for m in made.shown["diagram"]["machines"]]]
+    angles = curves[:, [1 + m["angle"] for m in panel.shown["diagram"]["machines"]]]
     inertias = np.array([m.rating * m.H for m in case.system.machines])
     np.testing.assert_allclose(angles @ inertias / inertias.sum(), 0.0, atol=1e-4)

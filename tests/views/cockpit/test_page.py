@@ -28,14 +28,14 @@ def code(path: Path) -> str:
 
 
 def test_cockpit_page_is_installed_with_all_its_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    given: dict[str, Any] = {}
+    keywords: dict[str, Any] = {}
     monkeypatch.chdir(ROOT)
-    monkeypatch.setattr(setuptools, "setup", given.update)
+    monkeypatch.setattr(setuptools, "setup", keywords.update)
     runpy.run_path("setup.py")
-    assert "facts_damping_views.cockpit" in given["packages"]
-    patterns = given["package_data"]["facts_damping_views.cockpit"]
-    found = {path for pattern in patterns for path in STATIC.parent.glob(pattern) if path.is_file()}
-    assert sorted(found) == FILES
+    assert "facts_damping_views.cockpit" in keywords["packages"]
+    patterns = keywords["package_data"]["facts_damping_views.cockpit"]
+    installed = {path for pattern in patterns for path in STATIC.parent.glob(pattern) if path.is_file()}
+    assert sorted(installed) == FILES
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if path.name != "LICENSE"], ids=lambda path: path.name)

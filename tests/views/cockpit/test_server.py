@@ -180,10 +180,10 @@ def test_thousand_malformed_messages_are_refused_and_counted(
     with client.websocket_connect(SOCKET, headers=OWN) as session:
         heard(session, "layout")
         for i in range(1000):
-            given = MALFORMED[i % (len(MALFORMED) + 1)] if i % (len(MALFORMED) + 1) < len(MALFORMED) else b"\xff\0"
-            (session.send_bytes if isinstance(given, bytes) else session.send_text)(given)
+            message = MALFORMED[i % (len(MALFORMED) + 1)] if i % (len(MALFORMED) + 1) < len(MALFORMED) else b"\xff\0"
+            (session.send_bytes if isinstance(message, bytes) else session.send_text)(message)
             answer = heard(session, "answer")
-            assert not answer["success"], given
+            assert not answer["success"], message
             assert "given" in answer["message"]
             assert "\n" not in answer["message"]
         session.send_json({"id": 7, "control": "run/pause", "value": None})
@@ -250,11 +250,11 @@ def test_client_that_does_not_read_costs_little_and_delays_nobody(
             while len(cockpit.clients) < 2:
                 assert time.monotonic() < deadline
                 time.sleep(0.01)
-            longest, held, given = 0.0, 0, 0
+            longest, held, taken_frames = 0.0, 0, 0
             for i in range(2000):
                 frame = np.full(5000, i, "<f4").tobytes()
                 began = time.monotonic()
-                given += slow in cockpit.clients
+                taken_frames += slow in cockpit.clients
                 thread.soon(cockpit.frame, frame)
                 if i % 20 == 0:
                     thread.soon(cockpit.event, {"type": "event", "t": i, "level": "info", "text": "it"})
@@ -263,10 +263,12 @@ def test_client_that_does_not_read_costs_little_and_delays_nobody(
                     data = reader.recv(timeout=10.0)
                 assert data == frame  # the newest, at once
                 longest = max(longest, time.monotonic() - began)
-                held = max(held, *(len(one.texts) for one in cockpit.clients))
+                held = max(held, *(len(served_client.texts) for served_client in cockpit.clients))
             assert longest < 1.0
             assert held <= application.QUEUE
-            assert given - 500 < slow.frames_left_out <= given  # its connection may end before the last frame
+            assert (
+                taken_frames - 500 < slow.frames_left_out <= taken_frames
+            )  # its connection may end before the last frame
             assert slow.frames_left_out > 0
             while slow in cockpit.clients:  # its connection ends
                 assert time.monotonic() < deadline
@@ -278,14 +280,14 @@ def test_client_that_does_not_read_costs_little_and_delays_nobody(
 def test_message_that_is_too_long_ends_its_connection_alone(table: Any, asked: Asked) -> None:
     with (
         serving(application.Cockpit(application.Content(LAYOUT), table, asked)) as (served, _),
-        page_socket(served.address) as one,
+        page_socket(served.address) as connection,
         page_socket(served.address) as other,
     ):
-        one.recv()
+        connection.recv()
         other.recv()
-        one.send(" " * (application.LONGEST + 1))
+        connection.send(" " * (application.LONGEST + 1))
         with pytest.raises(ConnectionClosed, match="1009"):
-            one.recv(timeout=10.0)
+            connection.recv(timeout=10.0)
         other.send("x")
         assert not json.loads(other.recv(timeout=10.0))["success"]
 
@@ -298,7 +300,7 @@ def test_replay_gives_what_is_recorded() -> None:
     with opened(application.Cockpit(shown)) as client:
         for name, record in zip((first, second), records, strict=True):
             data = np.frombuffer(client.get(f"/data/{name}").content, "<f4")
-            panel = next(one for one in shown.layout["panels"] if one["name"] == name)
+            panel = next(panel_shown for panel_shown in shown.layout["panels"] if panel_shown["name"] == name)
             table = data.reshape(-1, 1 + len(panel["curves"]))
             g1 = panel["diagram"]["machines"][0]["power"]
             rows = np.searchsorted(record.time_s, table[:, 0] - 1e-6)
@@ -340,10 +342,10 @@ def test_report_is_made_by_the_command_and_has_no_rights_here(
 def test_cockpit_that_cannot_start_names_the_cause(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
+    with socket.socket() as bound:
+        bound.bind(("127.0.0.1", 0))
+        bound.listen()
+        port = bound.getsockname()[1]
         with pytest.raises(InputError, match=rf"host, port: 127.0.0.1, {port} given: .*; allowed: ones that are free"):
             server.Server(application.Cockpit(application.Content(LAYOUT)), "127.0.0.1", port)
     assert main(["cockpit", "two_area_small", "two_area_large"]) == 2

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from facts_damping_testing.storm.running import Trace
 
 RULES: dict[str, Callable[[Trace], list[str]]] = {
-    one.__name__: one
-    for one in (
+    rule.__name__: rule
+    for rule in (
         *(devices.nothing_foreign_acts, devices.device_is_released, devices.setpoints_are_limited, devices.trips_hold),
         *(devices.restarted_nodes_are_disarmed, nodes.time_goes_on, nodes.graph_survives, nodes.ends_are_named),
         *(nodes.refusals_are_counted, nodes.refusals_are_complete, nodes.queues_are_bounded, nodes.memory_is_bounded),

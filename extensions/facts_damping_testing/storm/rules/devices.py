@@ -29,23 +29,25 @@ LEAVE = ("reset", "disarm", "start")  # after a trip; a supervisor that starts a
 
 def nothing_foreign_acts(trace: Trace) -> list[str]:
     """No forged setpoint is passed on, applied or in force, no forged frame delivered, no forged end believed."""
-    record, found = trace.record, list[str]()
+    record, broken = trace.record, list[str]()
     if record is None or may_be_replaced(trace):
         return []
     forged = [trace.case.system.device(name).setpoint_max * MARK for name in trace.case.run.devices]
     for what in ("issued", "supervised", "applied"):
         rows = getattr(record, what)
         if len(rows) and np.isclose(np.abs(rows["value"]), np.array(forged)[rows["device"]], rtol=1e-14, atol=0).any():
-            found.append(f"a forged setpoint is {what}")
+            broken.append(f"a forged setpoint is {what}")
     if forged and np.isclose(np.abs(record.devices["setpoint"]), forged, rtol=1e-14, atol=0).any():
-        found.append("a forged setpoint is in force")
+        broken.append("a forged setpoint is in force")
     if len(record.delivered) and np.all(np.abs(record.delivered["values"]) == SWING, axis=1).any():
-        found.append("a forged frame is delivered")
+        broken.append("a forged frame is delivered")
     ends = {text for _, name, _, text in trace.logs if name == PLANT} | {STOPPED}
-    told = {text.removeprefix(ENDS) for _, _, _, text in trace.logs if text.startswith(ENDS)}
+    ends_told = {text.removeprefix(ENDS) for _, _, _, text in trace.logs if text.startswith(ENDS)}
     if trace.mode != "free":
-        found += [f"nodes believe that the run has ended: {text}" for text in sorted(told - ends) if FAILED not in text]
-    return found
+        broken += [
+            f"nodes believe that the run has ended: {text}" for text in sorted(ends_told - ends) if FAILED not in text
+        ]
+    return broken
 
 
 def device_is_released(trace: Trace) -> list[str]:
@@ -59,12 +61,12 @@ def device_is_released(trace: Trace) -> list[str]:
 
 def _plant_changed(record: Record) -> bool:
     """Whether an operator replaced the plant's state, so that what came before counts no longer."""
-    return any(one.kind in ("reset", "rearm", "release") for one in record.changes)
+    return any(change.kind in ("reset", "rearm", "release") for change in record.changes)
 
 
 def _pauses(record: Record) -> int:
     """Ticks by which setpoints may act late, as the plant was paused."""
-    return len(record.ticks) if any(one.kind in ("pause", "step") for one in record.changes) else 0
+    return len(record.ticks) if any(change.kind in ("pause", "step") for change in record.changes) else 0
 
 
 def setpoints_are_limited(trace: Trace) -> list[str]:
@@ -77,21 +79,25 @@ def setpoints_are_limited(trace: Trace) -> list[str]:
 
 def trips_hold(trace: Trace) -> list[str]:
     """What was tripped stays tripped, and passes nothing but its ramp, until an operator resets or disarms it."""
-    record, found = trace.record, []
+    record, broken = trace.record, []
     if record is None or trace.case.supervision is None or may_be_replaced(trace):
         return []
     ramp = trace.case.supervision.arming.trip_ramp
     for c in np.unique(record.supervision["controller"]).tolist():
-        asked = {(one.index, one.tick) for one in record.changes if one.role == "supervisor" and one.kind in LEAVE}
+        asked = {
+            (change.index, change.tick)
+            for change in record.changes
+            if change.role == "supervisor" and change.kind in LEAVE
+        }
         rows = record.supervision[record.supervision["controller"] == c]
         passed = record.supervised[record.supervised["controller"] == c]
         left = np.flatnonzero((rows["state"][:-1] == TRIPPED) & (rows["state"][1:] != TRIPPED))
         for at in left.tolist():
             begin, end = int(rows["tick"][at]), int(rows["tick"][at + 1])
             if not any(index == c and begin < tick <= end for index, tick in asked):
-                found.append(f"supervisor {c} leaves its trip at tick {end} although no one asked")
-        found += _acts_after_trip(rows, passed, ramp, record.frame_rate, c)
-    return found
+                broken.append(f"supervisor {c} leaves its trip at tick {end} although no one asked")
+        broken += _acts_after_trip(rows, passed, ramp, record.frame_rate, c)
+    return broken
 
 
 def _acts_after_trip(rows: NDArray[np.void], passed: NDArray[np.void], ramp: float, rate: int, c: int) -> list[str]:
@@ -119,17 +125,17 @@ def restarted_nodes_are_disarmed(trace: Trace) -> list[str]:
     record, storm = trace.record, trace.storm
     if record is None or storm is None or may_be_replaced(trace):
         return []
-    killed_at = {f"/{one.node}": one.tick for one in reversed(trace.timeline) if one.kind == "restarted"}
-    found = []
-    for one in [one for one in record.changes if one.kind == "start" and one.role in SENDS]:
-        if one.value != "disarmed":
-            if one.tick > killed_at.get(one.node, 10**9):
-                found.append(f"{one.node} starts again at tick {one.tick}, and is armed")
+    killed_at = {f"/{done.node}": done.tick for done in reversed(trace.timeline) if done.kind == "restarted"}
+    broken = []
+    for start in [change for change in record.changes if change.kind == "start" and change.role in SENDS]:
+        if start.value != "disarmed":
+            if start.tick > killed_at.get(start.node, 10**9):
+                broken.append(f"{start.node} starts again at tick {start.tick}, and is armed")
             continue
-        later = [row.tick for row in record.changes if row.node == one.node and row.kind in ("arm", "start")]
-        end = min([tick for tick in later if tick > one.tick], default=10**9)
-        rows = getattr(record, SENDS[one.role])
-        own = [one.index] if one.role == "controller" else served(trace.case, one.index)
-        sent = np.isin(rows["controller"], own) & (rows["tick"] >= one.tick) & (rows["tick"] < end)
-        found += [f"{one.node} sends setpoints, though disarmed since tick {one.tick}"] if sent.any() else []
-    return found
+        later = [row.tick for row in record.changes if row.node == start.node and row.kind in ("arm", "start")]
+        end = min([tick for tick in later if tick > start.tick], default=10**9)
+        rows = getattr(record, SENDS[start.role])
+        controllers = [start.index] if start.role == "controller" else served(trace.case, start.index)
+        sent = np.isin(rows["controller"], controllers) & (rows["tick"] >= start.tick) & (rows["tick"] < end)
+        broken += [f"{start.node} sends setpoints, though disarmed since tick {start.tick}"] if sent.any() else []
+    return broken

@@ -21,8 +21,10 @@ def may_be_replaced(trace: Trace, *, signed: bool = True) -> bool:
     """
     if trace.storm is None:
         return False
-    kinds = {one.kind for one in trace.events}
-    if trace.mode == "lockstep" and not any(one.tick < 1 and one.kind.startswith("forged") for one in trace.timeline):
+    kinds = {event.kind for event in trace.events}
+    if trace.mode == "lockstep" and not any(
+        done.tick < 1 and done.kind.startswith("forged") for done in trace.timeline
+    ):
         return False
     foreign = any(KINDS[kind].group == "foreign" and kind != "second_plant" for kind in kinds)
     return "forged_with_key" in kinds or (foreign and not (signed and trace.storm.signed))
@@ -30,4 +32,4 @@ def may_be_replaced(trace: Trace, *, signed: bool = True) -> bool:
 
 def begins_undisturbed(trace: Trace) -> bool:
     """Whether no foreign node was there before the nodes knew each other: it would count as another graph."""
-    return all(one.tick >= KNOWN for one in trace.timeline if KINDS[one.kind].group == "foreign")
+    return all(done.tick >= KNOWN for done in trace.timeline if KINDS[done.kind].group == "foreign")

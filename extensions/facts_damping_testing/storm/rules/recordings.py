@@ -39,12 +39,12 @@ def recording_is_readable(trace: Trace) -> list[str]:
 
 
 def _written(output: str) -> int:
-    found = re.findall(r"(\d+) messages written", output)
-    return int(found[-1]) if found else 0
+    counts = re.findall(r"(\d+) messages written", output)
+    return int(counts[-1]) if counts else 0
 
 
 def _disk_failed(trace: Trace) -> bool:
-    return any(one.kind == "disk" for one in trace.events)
+    return any(event.kind == "disk" for event in trace.events)
 
 
 def end_is_recorded(trace: Trace) -> list[str]:
@@ -52,7 +52,7 @@ def end_is_recorded(trace: Trace) -> list[str]:
     storm, record = trace.storm, trace.record
     if storm is None or record is None or trace.mode == "free":
         return []
-    if any(one.kind not in HARMLESS_TO_THE_END or one.node == RECORDER for one in storm.events):
+    if any(event.kind not in HARMLESS_TO_THE_END or event.node == RECORDER for event in storm.events):
         return []
     cut = [note for note in record.notes if "cut off" in note]
     return [f"the plant ended, and the recording says: {cut[0]}"] if cut else []
@@ -63,15 +63,19 @@ def recording_keeps_what_was_flushed(trace: Trace) -> list[str]:
     storm, record = trace.storm, trace.record
     if storm is None or trace.mode == "lockstep":
         return []
-    kills = [one for one in trace.timeline if one.kind == "killed" and one.node == RECORDER]
-    others = [one for one in storm.events if (one.kind, one.node) not in (("killed", RECORDER), ("clock", ""))]
-    hurt = any(one.node in ("", RECORDER) and KINDS[one.kind].group != "foreign" for one in others)
+    kills = [done for done in trace.timeline if done.kind == "killed" and done.node == RECORDER]
+    others = [event for event in storm.events if (event.kind, event.node) not in (("killed", RECORDER), ("clock", ""))]
+    hurt = any(event.node in ("", RECORDER) and KINDS[event.kind].group != "foreign" for event in others)
     if len(kills) != 1 or hurt or may_be_replaced(trace):
         return []
     at = kills[0].tick
-    kept = at - int(FLUSHED_S * trace.case.run.frame_rate) - 1
+    last_flushed = at - int(FLUSHED_S * trace.case.run.frame_rate) - 1
     last = -1 if record is None else int(record.ticks[-1])
-    return [f"the recording ends with tick {last}, but the recorder was killed at tick {at}"] if last < kept else []
+    return (
+        [f"the recording ends with tick {last}, but the recorder was killed at tick {at}"]
+        if last < last_flushed
+        else []
+    )
 
 
 def equals_in_process(trace: Trace) -> list[str]:
@@ -82,7 +86,7 @@ def equals_in_process(trace: Trace) -> list[str]:
     if any(kind_of(controller).own for controller in case.controllers):
         return []
     computed, last = changes.rerun(case, record.changes), int(record.ticks[-1])
-    if any(one.kind in ("lost", "late") for one in trace.events):
+    if any(event.kind in ("lost", "late") for event in trace.events):
         last -= 1  # nothing shows that the last message was lost, or came after the end
     differ = [name for name in ARRAYS if _until(record, name, last) != _until(computed, name, last)]
     return [f"the recording differs from the run in process: {', '.join(differ)}"] if differ else []
@@ -98,8 +102,8 @@ def _until(record: Record, name: str, last: int) -> bytes:
 def replay_is_exact(trace: Trace) -> list[str]:
     """A replay of what was recorded gives the recorded setpoints, estimates and supervision."""
     record = trace.record
-    own = [kind_of(one).own for one in trace.case.controllers]
-    if record is None or not record.configuration or not own or any(own) or may_be_replaced(trace):
+    own_code = [kind_of(controller).own for controller in trace.case.controllers]
+    if record is None or not record.configuration or not own_code or any(own_code) or may_be_replaced(trace):
         return []
     if record.ticks[0] > 0:  # what its controllers had learnt before is not known
         return []
@@ -112,11 +116,11 @@ def replay_is_exact(trace: Trace) -> list[str]:
     except FactsDampingError as error:
         return [] if record.notes else [f"the recording cannot be replayed: {one_line(error)}"]
     first = replay.first_difference(fitted, played.issued)
-    found = [] if first is None else [f"setpoints from {first}"]
+    differing = [] if first is None else [f"setpoints from {first}"]
     for what, tick in (
         ("estimates", replay.first_estimate(fitted, played.estimates)),
         ("learning", replay.first_learning(fitted, played.learning)),
         ("supervision", replay.first_supervised(fitted, played)),
     ):
-        found += [f"{what} from tick {tick}"] if tick is not None else []
-    return [f"the replay differs in {', '.join(found)}"] if found else []
+        differing += [f"{what} from tick {tick}"] if tick is not None else []
+    return [f"the replay differs in {', '.join(differing)}"] if differing else []
