@@ -239,7 +239,7 @@ def test_reset_ends_what_was_asked_for() -> None:
     node.measure(1)
     node.ask_reset()(2)
     node.measure(2)
-    assert len(node._plant.oscillations) == len(node._plant.loads) == 0
+    assert len(node._measured.plant.oscillations) == len(node._measured.plant.loads) == 0
     assert len(node.state.source) == 1  # the SSSC's
     assert (node.machines["speed_deviation"] == 0.0).all()
 
@@ -250,7 +250,7 @@ def test_noise_of_other_loads_stays_theirs() -> None:
     made = mirrored(loop.build_loop(case))
     event = "{kind: forced_oscillation, load: load_1, frequency: 1, amplitude: 0.1}"
     now, _ = apply(made, case, case, RunChange(10, "plant_sim", "plant", 0, "event", "", event))
-    assert now.plant.load_noise.shape[1] == 2
-    np.testing.assert_array_equal(now.plant.load_noise[:, :1], made.plant.load_noise)
-    np.testing.assert_array_equal(now.plant.load_noise[:, 1], 0.0)
-    assert len(now.plant_state.source) == len(made.plant_state.source) + 1
+    assert now.measured.plant.load_noise.shape[1] == 2
+    np.testing.assert_array_equal(now.measured.plant.load_noise[:, :1], made.measured.plant.load_noise)
+    np.testing.assert_array_equal(now.measured.plant.load_noise[:, 1], 0.0)
+    assert len(now.measured.plant_state.source) == len(made.measured.plant_state.source) + 1
