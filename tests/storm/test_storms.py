@@ -167,7 +167,7 @@ def test_rules_judge_a_recording_alone(tmp_path: Path) -> None:
     trace: Any = assert_holds(model.Storm(seed=1, run={"duration": 1.0}), tmp_path / "storm")
     assert violations(only_record(trace)) == []
     trace.record.devices["reference"][-1] = 10.0
-    assert {name for name, _ in violations(only_record(trace))} == {"equals_in_process"}
+    assert {name for name, _ in violations(only_record(trace))} == {"setpoints_are_limited", "equals_in_process"}
 
 
 def test_growing_memory_is_a_violation() -> None:

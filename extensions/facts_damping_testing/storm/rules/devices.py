@@ -53,7 +53,8 @@ def device_is_released(trace: Trace) -> list[str]:
     if trace.record is None or _plant_changed(trace.record) or may_be_replaced(trace):
         return []
     late = 0 if trace.mode == "lockstep" else 3 + _pauses(trace.record)
-    return [] if invariants.lets_go(trace.case, trace.record, late) else ["a device keeps its setpoint"]
+    holds = invariants.holds(invariants.lets_go(trace.case, trace.record, late))
+    return [] if holds else ["a device keeps its setpoint"]
 
 
 def _plant_changed(record: Record) -> bool:
@@ -70,7 +71,8 @@ def setpoints_are_limited(trace: Trace) -> list[str]:
     """Setpoints and references stay within the device's limit, authority and rate."""
     if trace.record is None or _plant_changed(trace.record) or may_be_replaced(trace):
         return []
-    return [] if invariants.limits(trace.case, trace.record) else ["a setpoint or a reference exceeds its limits"]
+    holds = invariants.holds(invariants.limits(trace.case, trace.record))
+    return [] if holds else ["a setpoint or a reference exceeds its limits"]
 
 
 def trips_hold(trace: Trace) -> list[str]:
