@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import IO, TYPE_CHECKING, Any
-from unittest import mock
 
 from facts_damping.case.loading import make_case
 from facts_damping.case.names import controller_addresses
@@ -31,8 +30,9 @@ from facts_damping_testing.storm.events import KINDS
 from facts_damping_testing.storm.storm_graph import PATIENCE_S, Disk, Done, StormGraph, disk_error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
+    from types import ModuleType
 
     from facts_damping.case.model import Case
     from facts_damping.record import Record
@@ -192,12 +192,23 @@ def _watched(storm_graph: StormGraph) -> Iterator[None]:
         return Disk(open_new(file))
 
     with (
-        mock.patch.object(processes, "start", watched),
-        mock.patch.object(writer, "_open_new", opened_new),
-        mock.patch.object(writer, "write_whole", write_whole),
-        mock.patch.object(weights_file, "write_whole", write_whole),
+        _replaced(processes, "start", watched),
+        _replaced(writer, "_open_new", opened_new),
+        _replaced(writer, "write_whole", write_whole),
+        _replaced(weights_file, "write_whole", write_whole),
     ):
         yield
+
+
+@contextmanager
+def _replaced(module: ModuleType, name: str, function: Callable[..., Any]) -> Iterator[None]:
+    """Another function in a module's place of this name."""
+    usual = getattr(module, name)
+    setattr(module, name, function)
+    try:
+        yield
+    finally:
+        setattr(module, name, usual)
 
 
 def _ends(storm_graph: StormGraph) -> list[NodeEnd]:
