@@ -128,7 +128,9 @@ def _map(distribution: Map, shared: _Shared) -> Figure:
     image.tags = [f"run-{distribution.run}"]
     plot_area.add_layout(ColorBar(color_mapper=colours, width=10, title=None, background_fill_color=None), "right")
     for line in distribution.lines:
-        plot_area.add_layout(Span(location=line, dimension="width", line_color="black", line_dash="dashed", line_width=0.8))
+        plot_area.add_layout(
+            Span(location=line, dimension="width", line_color="black", line_dash="dashed", line_width=0.8)
+        )
     _mark_events(plot_area, shared)
     tips = [("t [s]", "$x{0.0}"), ("f [Hz]", "$y{0.000}"), (f"W [{distribution.unit}]", "@image")]
     _equip(plot_area, models.HoverTool(renderers=[image], tooltips=tips), "both")
