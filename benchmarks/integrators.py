@@ -57,7 +57,7 @@ class Motion(NamedTuple):
 
     plant: Any
     state: Any
-    stage: int
+    interval: int
     work: Any
 
 
@@ -96,7 +96,7 @@ IMPLICIT = {
 @njit(error_model="numpy")
 def explicit(motion: Motion, method: Tableau, h: float, steps: int, k: Any, trial: Any) -> int:
     """Explicit steps; the number of evaluations."""
-    plant, state, stage, work = motion
+    plant, state, interval, work = motion
     x, A, b = state.x, method.A, method.b
     for _ in range(steps):
         for i in range(b.size):
@@ -104,7 +104,7 @@ def explicit(motion: Motion, method: Tableau, h: float, steps: int, k: Any, tria
             for j in range(i):
                 if A[i, j] != 0.0:
                     trial += h * A[i, j] * k[j]
-            derivatives(plant, trial, state.reference, state.source, stage, k[i], work)
+            derivatives(plant, trial, state.reference, state.source, interval, k[i], work)
         for i in range(b.size):
             x += h * b[i] * k[i]
     return int(steps * b.size)
@@ -113,12 +113,12 @@ def explicit(motion: Motion, method: Tableau, h: float, steps: int, k: Any, tria
 @njit(error_model="numpy")
 def jacobian(motion: Motion, f0: Any, f1: Any, out: Any) -> int:
     """Jacobian of the derivatives by forward differences; the number of evaluations."""
-    plant, state, stage, work = motion
-    derivatives(plant, state.x, state.reference, state.source, stage, f0, work)
+    plant, state, interval, work = motion
+    derivatives(plant, state.x, state.reference, state.source, interval, f0, work)
     for i in range(state.x.size):
         before, step = state.x[i], 1e-7 * max(1.0, abs(state.x[i]))
         state.x[i] += step
-        derivatives(plant, state.x, state.reference, state.source, stage, f1, work)
+        derivatives(plant, state.x, state.reference, state.source, interval, f1, work)
         state.x[i] = before
         out[:, i] = (f1 - f0) / step
     return int(state.x.size + 1)
@@ -131,7 +131,7 @@ def implicit(motion: Motion, method: Tableau, h: float, k: Any, trial: Any, inve
     With `last` what eight iterations give is taken: where an integrator is frozen at its limit the derivatives
     jump, and there may be nothing to converge to.
     """
-    plant, state, stage, work = motion
+    plant, state, interval, work = motion
     done, A, b = 0, method.A, method.b
     for i in range(b.size):
         start = state.x.copy()
@@ -141,7 +141,7 @@ def implicit(motion: Motion, method: Tableau, h: float, k: Any, trial: Any, inve
         if A[i, i] > 0.0:
             solved = False
             for _ in range(8):
-                derivatives(plant, trial, state.reference, state.source, stage, k[i], work)
+                derivatives(plant, trial, state.reference, state.source, interval, k[i], work)
                 done += 1
                 change = inverse @ (trial - start - h * A[i, i] * k[i])
                 trial -= change
@@ -150,7 +150,7 @@ def implicit(motion: Motion, method: Tableau, h: float, k: Any, trial: Any, inve
                     break
             if not (solved or last):
                 return -done - 1
-        derivatives(plant, trial, state.reference, state.source, stage, k[i], work)
+        derivatives(plant, trial, state.reference, state.source, interval, k[i], work)
         done += 1
     x = state.x
     for i in range(b.size):
@@ -167,7 +167,7 @@ def follow(case: Any, method: str, rate: int, end: float) -> tuple[NDArray[np.fl
     weights = (EXPLICIT | IMPLICIT)[method]
     k, trial, matrix, f0, f1 = np.zeros((len(weights.b), n)), np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros(n)
     instants = {to_ns(i / FRAMES) for i in range(round(end * FRAMES) + 1)}
-    borders = sorted(instants | {int(t) for t in plant.stage_start_ns if t < to_ns(end)})
+    borders = sorted(instants | {int(t) for t in plant.interval_start_ns if t < to_ns(end)})
     speeds, evaluations, factored_for, inverse = [], 0, None, np.zeros((n, n))
     began = time.perf_counter()
     for now, then in zip(borders, [*borders[1:], None], strict=True):
@@ -183,10 +183,10 @@ def follow(case: Any, method: str, rate: int, end: float) -> tuple[NDArray[np.fl
             continue
         for _ in range(steps):
             for attempt in range(2):
-                if factored_for != (motion.stage, h) or attempt:
+                if factored_for != (motion.interval, h) or attempt:
                     evaluations += jacobian(motion, f0, f1, matrix)
                     inverse = np.linalg.inv(np.eye(n) - h * weights.A[-1, -1] * matrix)
-                    factored_for = (motion.stage, h)
+                    factored_for = (motion.interval, h)
                 done = implicit(motion, weights, h, k, trial, inverse, attempt == 1)
                 evaluations += abs(done)
                 if done > 0:

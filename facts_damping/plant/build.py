@@ -57,7 +57,7 @@ def build(
     watchdog: NDArray[Any] | None = None,
     noisy: Collection[str] = (),
 ) -> Built:
-    """Power flow, steady state of machines, controls and devices, and the reduced network of every stage.
+    """Power flow, steady state of machines, controls and devices, and the reduced network of every interval.
 
     `watchdog`: a row of WATCHDOG for all devices; None: off. `noisy`: names of loads that `with_noise` gives noise.
     Raises `InputError` if the power flow does not converge, if limits exclude the initial state, or if an event is
@@ -77,7 +77,7 @@ def build(
     at: dict[str | None, int] = {None: -1} | {m.name: g for g, m in enumerate(system.machines)}
     online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
-    stages = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
+    intervals = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
     sources = [*(m.bus for m in system.machines), *(i.bus for i in system.infinite_buses)]
     large = len(sources) + len(ports.rows) > LARGE
     plant = Plant(
@@ -94,15 +94,17 @@ def build(
         placed=placed,
         devices=placed[: len(installed)],
         infinite=np.array([flow.by_bus[i.bus] for i in system.infinite_buses], np.complex128),
-        stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
+        interval_start_ns=np.array([s.start_ns for s in steps], np.int64),
         mechanical_power=np.where(online > 0.0, rotating.power * np.array(scales), 0.0),
         online=online,
         island=np.array([[s.islands[bus] for bus in sources] for s in steps], np.int64),
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
         load_noise=load_noise.table({}, loads, len(loads)),
         oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
-        network=np.zeros((0, 0, 0), np.complex128) if large else np.array([reduce_network(*stage) for stage in stages]),
-        sparse_networks=Table([sparse_network(*stage) for stage in stages] if large else []),
+        network=np.zeros((0, 0, 0), np.complex128)
+        if large
+        else np.array([reduce_network(*part) for part in intervals]),
+        sparse_networks=Table([sparse_network(*part) for part in intervals] if large else []),
         pmu_machine=np.array([at[pmu.machine] for pmu in system.pmus]),
     )
     n, source = len(installed), np.zeros(len(ports.rows), np.complex128)

@@ -34,7 +34,7 @@ def _add_at_regulators(plant: Plant, x: Float1, reference: Float1, work: Work) -
 
 
 @entry_point
-def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> None:
+def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, interval: int, work: Work) -> None:
     """Write the inputs of the network from machines, infinite buses and ports into `work.inputs`, p.u.
 
     Machines: y E with E = (Ed + j Eq) exp(j (delta - pi/2)).
@@ -53,21 +53,21 @@ def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
         work.emf[g] = complex(speed * emf_d, speed * emf_q)
         sine, cosine = sin_cos(delta)
         work.rotation[g] = complex(sine, -cosine)
-        work.inputs[g] = m.admittance * work.emf[g] * work.rotation[g] * plant.online[stage, g]
+        work.inputs[g] = m.admittance * work.emf[g] * work.rotation[g] * plant.online[interval, g]
     for i in range(plant.infinite.size):
         work.inputs[machines + i] = plant.infinite[i]
     first = machines + plant.infinite.size
     if source.size == 0:
-        respond(plant, stage, work)
+        respond(plant, interval, work)
         return
     for p in range(source.size):
         work.inputs[first + p] = 0.0
-    respond(plant, stage, work)
+    respond(plant, interval, work)
     for p in range(source.size):
-        work.given[p] = row_times(plant, stage, machines + p, work.inputs, work)
-    solve_ports(plant, x, reference, source, stage, work)
+        work.given[p] = row_times(plant, interval, machines + p, work.inputs, work)
+    solve_ports(plant, x, reference, source, interval, work)
     set_sources(plant, source, work)
-    respond(plant, stage, work)
+    respond(plant, interval, work)
 
 
 class Stator(NamedTuple):
@@ -80,18 +80,18 @@ class Stator(NamedTuple):
 
 
 @compiled
-def stator(plant: Plant, stage: int, g: int, work: Work) -> Stator:
+def stator(plant: Plant, interval: int, g: int, work: Work) -> Stator:
     """Voltage, current, power and saturation of machine g.
 
     Pe = Ed Id + Eq Iq + (Xq - Xd) Id Iq.
     """
     m = plant.machines[g]
     emf = work.emf[g]
-    voltage = row_times(plant, stage, g, work.inputs, work)
+    voltage = row_times(plant, interval, g, work.inputs, work)
     back = work.rotation[g].conjugate()  # into the rotor's frame
     # A factor of zero instead of a branch, which doubles the time of the compiled code.
     beyond = m.salient * work.inputs[m.column] * back
-    current = (m.admittance * (emf - voltage * back) + beyond) * (plant.online[stage, g] / m.ratio)
+    current = (m.admittance * (emf - voltage * back) + beyond) * (plant.online[interval, g] / m.ratio)
     saliency = (m.Xq - m.Xd) * current.real * current.imag
     power = emf.real * current.real + emf.imag * current.imag + saliency
     return Stator(voltage, current, power, saturated(m, emf))
@@ -121,20 +121,20 @@ def _circuits(m: Any, x: Float1, n: int, at: Stator, efd: float, emf: complex, d
 
 @entry_point
 def derivatives(
-    plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, dx: Float1, work: Work
+    plant: Plant, x: Float1, reference: Float1, source: Complex1, interval: int, dx: Float1, work: Work
 ) -> None:
     """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, loads, devices; solves `source`.
 
     ddelta = omega_0 omega; 2 H domega = Pm - Pe - D omega, powers over 1 + omega if the speed multiplies the EMF.
     """
-    solve_network(plant, x, reference, source, stage, work)
+    solve_network(plant, x, reference, source, interval, work)
     for g in range(plant.machines.size):
         m = plant.machines[g]
         o = m.offset
         omega = x[o + 1]
-        at = stator(plant, stage, g, work)
-        efd, mechanical_power = move_controls(plant, x, stage, g, at, dx, work)
-        driven = mechanical_power * plant.online[stage, g]
+        at = stator(plant, interval, g, work)
+        efd, mechanical_power = move_controls(plant, x, interval, g, at, dx, work)
+        driven = mechanical_power * plant.online[interval, g]
         dx[o] = plant.omega_0 * omega
         dx[o + 1] = ((driven - at.power) / (1.0 + m.speed * omega) - m.D * omega) / (2.0 * m.H)
         if m.circuits == 4:  # the usual number, so that the compiler unrolls the loop
@@ -193,11 +193,11 @@ def _given(plant: Plant, first: int, end: int, gives: int, x: Float1, dx: Float1
 
 @compiled
 def move_controls(
-    plant: Plant, x: Float1, stage: int, g: int, at: Stator, dx: Float1, work: Work
+    plant: Plant, x: Float1, interval: int, g: int, at: Stator, dx: Float1, work: Work
 ) -> tuple[float, float]:
     """Field voltage and mechanical power of machine g, p.u. of its rating; writes its controls' derivatives, 1/s."""
     m, s = plant.machines[g], work.signals
-    omega, size, asked = x[m.offset + 1], magnitude(at.voltage), plant.mechanical_power[stage, g]
+    omega, size, asked = x[m.offset + 1], magnitude(at.voltage), plant.mechanical_power[interval, g]
     forced = asked * work.forced[g]
     driven = governor.power(plant.governors[g], x, asked, omega) + forced
     governor.derivatives(plant.governors[g], x, asked, omega, dx)

@@ -1,4 +1,4 @@
-"""Conversion of a list of events to stages with a constant network, and a table of forced oscillations."""
+"""Conversion of a list of events to intervals with a constant network, and a table of forced oscillations."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _end(event: Lasting, time: float) -> Event:
 
 
 def topology_intervals(system: System, listed: Sequence[Event]) -> list[TopologyInterval]:
-    """The stages of a run, beginning at the start. Raises `InputError` if an event is impossible."""
+    """The intervals of a run, beginning at the start. Raises `InputError` if an event is impossible."""
     intervals = [TopologyInterval(islands=check_islands(system, Topology(), f"system {system.name}: has an"))]
     for change in timeline(listed):
         after = _apply(system, intervals[-1], change)
@@ -95,8 +95,8 @@ def topology_intervals(system: System, listed: Sequence[Event]) -> list[Topology
     return intervals
 
 
-def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyInterval:
-    event, where, before = change.event, change.where, stage.topology
+def _apply(system: System, interval: TopologyInterval, change: Change) -> TopologyInterval:
+    event, where, before = change.event, change.where, interval.topology
     lines = [line.name for line in system.lines]
     buses = [bus.name for bus in system.buses]
     if isinstance(event, (events.Fault, events.Clear)):
@@ -104,31 +104,31 @@ def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyI
             check_known(f"{where}.bus", event.bus, buses)
         elif event.line is not None:
             check_known(f"{where}.line", event.line, lines)
-        return replace(stage, topology=_fault(before, event, where))
+        return replace(interval, topology=_fault(before, event, where))
     if isinstance(event, events.Brake):
         check_known(f"{where}.bus", event.bus, buses)
-        return replace(stage, topology=_brake(before, event, where, system.base_power))
+        return replace(interval, topology=_brake(before, event, where, system.base_power))
     if isinstance(event, events.LineSwitch):
         branches = lines + [t.name for t in system.transformers]
         closed = [name for name in branches if name not in before.lines_out]
         if event.kind == "line_out":
             check_known(f"{where}.line", event.line, closed)
-            return replace(stage, topology=replace(before, lines_out=before.lines_out | {event.line}))
+            return replace(interval, topology=replace(before, lines_out=before.lines_out | {event.line}))
         check_known(f"{where}.line", event.line, [name for name in branches if name in before.lines_out])
-        return replace(stage, topology=replace(before, lines_out=before.lines_out - {event.line}))
+        return replace(interval, topology=replace(before, lines_out=before.lines_out - {event.line}))
     if isinstance(event, events.LoadStep):
         check_known(f"{where}.load", event.load, [load.name for load in system.loads])
         return replace(
-            stage, topology=replace(before, load_scale={**before.load_scale, event.load: 1.0 + event.change})
+            interval, topology=replace(before, load_scale={**before.load_scale, event.load: 1.0 + event.change})
         )
     if isinstance(event, events.ForcedOscillation):
         _check_oscillation(system, before, event, where)
-        return stage
+        return interval
     running = [m.name for m in system.machines if m.name not in before.machines_out]
     check_known(f"{where}.machine", event.machine, running)
     if isinstance(event, events.MechanicalPowerStep):
-        return replace(stage, mechanical_scale={**stage.mechanical_scale, event.machine: 1.0 + event.change})
-    return replace(stage, topology=replace(before, machines_out=before.machines_out | {event.machine}))
+        return replace(interval, mechanical_scale={**interval.mechanical_scale, event.machine: 1.0 + event.change})
+    return replace(interval, topology=replace(before, machines_out=before.machines_out | {event.machine}))
 
 
 def _check_oscillation(system: System, before: Topology, event: events.ForcedOscillation, where: str) -> None:

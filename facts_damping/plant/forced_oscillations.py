@@ -7,7 +7,7 @@ Relative to the power, an oscillation of amplitude A, ramp T and frequency f is
 from its start on, or A min(1, t / T) times the sign of the sine. A machine's mechanical power is that of its governor
 plus a times its reference; a load draws 1 + a times its active power. Several at one element add up. They depend on
 time only, not on how a plant is advanced: starts, ends, ends of ramps and edges of squares split the steps of the
-integration, and within a step the stages of the integrator have the values of their own times.
+integration, and within a step the intervals of the integrator have the values of their own times.
 """
 
 from __future__ import annotations

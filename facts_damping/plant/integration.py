@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @compiled
 def _runge_kutta(
-    plant: Plant, state: PlantState, ramp: Float1, stage: int, elapsed: float, h: float, work: Work
+    plant: Plant, state: PlantState, ramp: Float1, interval: int, elapsed: float, h: float, work: Work
 ) -> None:
     """One classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s.
 
@@ -56,7 +56,7 @@ def _runge_kutta(
                     )
             move_noise(plant, work, elapsed + fraction)
             move_oscillations(plant, work, elapsed + fraction)
-        derivatives(plant, trial, reference, state.source, stage, k[part], work)
+        derivatives(plant, trial, reference, state.source, interval, k[part], work)
     for i in range(x.size):
         x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
     for d in range(reference.size):
@@ -152,18 +152,18 @@ def advance(
     ramp = work.ramp
     while now < end_ns:
         following = _take_setpoints(plant, state, setpoints, following, count, now)
-        stage = begin_interval(plant, state, now)
+        interval = begin_interval(plant, state, now)
         end = _let_go(plant, state, end_ns, now)
         end = arrive(state.under_way, state.waiting, state.target, end, now)
         if following < count:
             end = min(end, setpoints[following].effective_ns)
-        if stage + 1 < plant.stage_start_ns.size:
-            end = min(end, plant.stage_start_ns[stage + 1])
+        if interval + 1 < plant.interval_start_ns.size:
+            end = min(end, plant.interval_start_ns[interval + 1])
         end = begin_noise(plant, work, now, _ramp(plant, state, ramp, end, now))
         end = begin_oscillations(plant, work, now, end)
         steps = (end - now + plant.step_ns - 1) // plant.step_ns
         h = (end - now) * 1e-9 / steps
         for n in range(steps):
-            _runge_kutta(plant, state, ramp, stage, n * h, h, work)
+            _runge_kutta(plant, state, ramp, interval, n * h, h, work)
             _move_reference(state, ramp, h)
         now = end

@@ -19,10 +19,10 @@ SMALL = 1e-12  # p.u., magnitude of a response below which its direction is unde
 
 
 @compiled
-def salient(plant: Plant, stage: int, g: int, voltage: complex, p: int, work: Work) -> complex:
+def salient(plant: Plant, interval: int, g: int, voltage: complex, p: int, work: Work) -> complex:
     """Current of a machine in addition to its Norton admittance, due to X''q != X''d; linear in the voltage."""
     m = plant.machines[g]
-    if plant.online[stage, g] == 0.0:
+    if plant.online[interval, g] == 0.0:
         work.slope[p, 0, 0] = work.slope[p, 0, 1] = work.slope[p, 1, 0] = work.slope[p, 1, 1] = 0.0
         return 0j
     turn = work.rotation[g]
@@ -42,7 +42,7 @@ def salient(plant: Plant, stage: int, g: int, voltage: complex, p: int, work: Wo
 
 @compiled
 def characteristic(
-    plant: Plant, x: Float1, reference: Float1, stage: int, p: int, size: float, work: Work
+    plant: Plant, x: Float1, reference: Float1, interval: int, p: int, size: float, work: Work
 ) -> tuple[complex, complex]:
     """Source of a load's or device's port relative to the direction of its response, and its derivative by |q|, p.u."""
     port = plant.ports[p]
@@ -58,12 +58,12 @@ def characteristic(
         deviation = load.frequency(d, x, plant.omega_0)
         active, reactive = active * (1.0 + d.kpf * deviation), reactive * (1.0 + d.kqf * deviation)
     value, slope = load.characteristic(d, size, work.low[p], active, reactive)
-    scale = plant.load_scale[stage, port.row]
+    scale = plant.load_scale[interval, port.row]
     return value * scale, slope * scale
 
 
 @compiled
-def law(plant: Plant, x: Float1, reference: Float1, stage: int, p: int, work: Work) -> complex:
+def law(plant: Plant, x: Float1, reference: Float1, interval: int, p: int, work: Work) -> complex:
     """Source of port p at its response, p.u.; writes its derivative into `work.slope`.
 
     Except for machines, it is f(|q|) q / |q| with f the port's characteristic; zero if blocked.
@@ -71,7 +71,7 @@ def law(plant: Plant, x: Float1, reference: Float1, stage: int, p: int, work: Wo
     port = plant.ports[p]
     q = work.response[p]
     if port.kind == SALIENT:
-        return salient(plant, stage, port.row, q, p, work)
+        return salient(plant, interval, port.row, q, p, work)
     if work.blocked[p]:
         work.slope[p, 0, 0] = work.slope[p, 0, 1] = work.slope[p, 1, 0] = work.slope[p, 1, 1] = 0.0
         return 0j
@@ -81,7 +81,7 @@ def law(plant: Plant, x: Float1, reference: Float1, stage: int, p: int, work: Wo
         direction = complex(q.real / size, q.imag / size)
     else:
         size = SMALL
-    value, by_magnitude = characteristic(plant, x, reference, stage, p, size, work)
+    value, by_magnitude = characteristic(plant, x, reference, interval, p, size, work)
     along = by_magnitude * direction  # derivative by the magnitude, and by the direction
     turned = value * direction
     across = complex(-turned.imag / size, turned.real / size)

@@ -21,15 +21,15 @@ MOMENT = 1e-6  # s, time step of the angle's difference quotient for the frequen
 
 
 @compiled
-def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work: Work) -> None:
+def _machine(plant: Plant, state: PlantState, interval: int, g: int, out: Any, work: Work) -> None:
     x, m = state.x, plant.machines[g]
     omega = x[m.offset + 1]
-    at = stator(plant, stage, g, work)
-    efd, driven = move_controls(plant, x, stage, g, at, work.slopes[0], work)  # without use for the derivatives
+    at = stator(plant, interval, g, work)
+    efd, driven = move_controls(plant, x, interval, g, at, work.slopes[0], work)  # without use for the derivatives
     out.rotor_angle = x[m.offset]
     out.speed_deviation = omega
     out.electrical_power = at.power * m.ratio
-    out.mechanical_power = driven * plant.online[stage, g] * m.ratio
+    out.mechanical_power = driven * plant.online[interval, g] * m.ratio
     out.field_voltage = efd
     out.terminal_voltage = magnitude(at.voltage)
 
@@ -61,21 +61,21 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
 
 
 @compiled
-def _in_synchronism(plant: Plant, x: Float1, stage: int) -> bool:
+def _in_synchronism(plant: Plant, x: Float1, interval: int) -> bool:
     """Whether rotors in service and infinite buses of each island are within 180 degrees, and speeds in their band."""
     machines, many = plant.machines.size, 0
     for i in range(machines + plant.infinite.size):
-        many = max(many, plant.island[stage, i] + 1)
+        many = max(many, plant.island[interval, i] + 1)
     for number in range(many):
         low, high = math.inf, -math.inf
         for g in range(machines):
-            if plant.online[stage, g] > 0.0 and plant.island[stage, g] == number:
+            if plant.online[interval, g] > 0.0 and plant.island[interval, g] == number:
                 delta, omega = x[plant.machines[g].offset], x[plant.machines[g].offset + 1]
                 low, high = min(low, delta), max(high, delta)
                 if abs(omega) > SPEED_BAND:
                     return False
         for i in range(plant.infinite.size):
-            if plant.island[stage, machines + i] == number:
+            if plant.island[interval, machines + i] == number:
                 angle = phase(plant.infinite[i])
                 low, high = min(low, angle), max(high, angle)
         if high - low > math.pi:
@@ -84,36 +84,36 @@ def _in_synchronism(plant: Plant, x: Float1, stage: int) -> bool:
 
 
 @compiled
-def _phasors(plant: Plant, stage: int, work: Work) -> None:
+def _phasors(plant: Plant, interval: int, work: Work) -> None:
     """Voltage and current of each PMU from the network's inputs, p.u."""
     first, pmus = plant.machines.size + plant.ports.size, plant.pmu_machine.size
     for s in range(pmus):
-        work.phasors[s, 0] = row_times(plant, stage, first + s, work.inputs, work)
-        work.phasors[s, 1] = row_times(plant, stage, first + pmus + s, work.inputs, work)
+        work.phasors[s, 0] = row_times(plant, interval, first + s, work.inputs, work)
+        work.phasors[s, 1] = row_times(plant, interval, first + pmus + s, work.inputs, work)
 
 
 @entry_point
 def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
     """Write voltage and current of each PMU at an instant into `work.phasors`."""
-    stage = begin_interval(plant, state, time_ns)
+    interval = begin_interval(plant, state, time_ns)
     begin_noise(plant, work, time_ns, time_ns)
     begin_oscillations(plant, work, time_ns, time_ns)
-    solve_network(plant, state.x, state.reference, state.source, stage, work)
-    _phasors(plant, stage, work)
+    solve_network(plant, state.x, state.reference, state.source, interval, work)
+    _phasors(plant, interval, work)
 
 
 @compiled
-def _a_moment_later(plant: Plant, state: PlantState, stage: int, work: Work) -> None:
+def _a_moment_later(plant: Plant, state: PlantState, interval: int, work: Work) -> None:
     """Solve the network MOMENT later on the plant's trajectory, with held references; into `work`, not the state."""
     dx, trial = work.slopes[0], work.trial
     for p in range(work.source.size):
         work.source[p] = state.source[p]
-    derivatives(plant, state.x, state.reference, work.source, stage, dx, work)
+    derivatives(plant, state.x, state.reference, work.source, interval, dx, work)
     for i in range(dx.size):
         trial[i] = state.x[i] + MOMENT * dx[i]
     move_noise(plant, work, MOMENT)
     move_oscillations(plant, work, MOMENT)
-    solve_network(plant, trial, state.reference, work.source, stage, work)
+    solve_network(plant, trial, state.reference, work.source, interval, work)
 
 
 @entry_point
@@ -132,28 +132,28 @@ def measure(
     this instant; its rate of change is not computed (NaN). True values go into MACHINE_TRUTH and DEVICE_TRUTH tables.
     Returns whether the plant is sound: all states finite, network solved, all rotors in synchronism.
     """
-    stage = begin_interval(plant, state, time_ns)
+    interval = begin_interval(plant, state, time_ns)
     x = state.x
     begin_noise(plant, work, time_ns, time_ns)
     begin_oscillations(plant, work, time_ns, time_ns)
-    solve_network(plant, x, state.reference, state.source, stage, work)
-    sound = _in_synchronism(plant, x, stage)
+    solve_network(plant, x, state.reference, state.source, interval, work)
+    sound = _in_synchronism(plant, x, interval)
     for i in range(x.size):
         sound = sound and math.isfinite(x[i])
     for p in range(plant.ports.size):
         sound = sound and math.isfinite(state.source[p].real)
     for g in range(plant.machines.size):
-        _machine(plant, state, stage, g, machines[g], work)
+        _machine(plant, state, interval, g, machines[g], work)
     for d in range(plant.devices.size):
         _device(plant, state, d, devices[d], work)
-    _phasors(plant, stage, work)
-    _a_moment_later(plant, state, stage, work)
+    _phasors(plant, interval, work)
+    _a_moment_later(plant, state, interval, work)
     first = plant.machines.size + plant.ports.size
     for s in range(plant.pmu_machine.size):
         voltage, current = work.phasors[s, 0], work.phasors[s, 1]
         g = plant.pmu_machine[s]
         flow = voltage * current.conjugate()
-        later = row_times(plant, stage, first + s, work.inputs, work)
+        later = row_times(plant, interval, first + s, work.inputs, work)
         frame[s, 0] = magnitude(voltage)
         frame[s, 1] = atan2(voltage.imag, voltage.real)
         frame[s, 2] = math.nan if g < 0 else x[plant.machines[g].offset + 1]

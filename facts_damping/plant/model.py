@@ -38,7 +38,7 @@ from facts_damping.plant.watchdog import UNDER_WAY, WATCH
 class Plant(Struct):
     """Frozen parameters of a plant with its events, as needed by `advance` and `measure`.
 
-    `network[s]`, complex, is the network of stage s, valid from `stage_start_ns[s]`. It maps its inputs (Norton
+    `network[s]`, complex, is the network of interval s, valid from `interval_start_ns[s]`. It maps its inputs (Norton
     currents of machines, voltages of infinite buses, sources at the ports) to its outputs (machine voltages, responses
     of the ports, PMU voltages, PMU currents), p.u. A parallel port injects a current and its response is the
     bus voltage; a series port injects a voltage drop and its response is the current. Shape
@@ -60,11 +60,11 @@ class Plant(Struct):
     ]  # devices.DEVICE: those of the run in its order, then uncommanded ones in service
     devices: Annotated[NDArray[Any], Array(DEVICE, 1)]  # the commanded ones, those of the run
     infinite: Complex1  # (infinite buses,), p.u.
-    stage_start_ns: Int1  # (stages,), ascending, the first at the earliest time
-    mechanical_power: Float2  # (stages, machines), p.u. of the rating
-    online: Float2  # (stages, machines), 1 or 0
-    island: Int2  # (stages, machines + infinite buses), number of the island
-    load_scale: Float2  # (stages, loads)
+    interval_start_ns: Int1  # (intervals,), ascending, the first at the earliest time
+    mechanical_power: Float2  # (intervals, machines), p.u. of the rating
+    online: Float2  # (intervals, machines), 1 or 0
+    island: Int2  # (intervals, machines + infinite buses), number of the island
+    load_scale: Float2  # (intervals, loads)
     load_noise: Float3  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: no noise
     oscillations: Annotated[NDArray[Any], Array(OSCILLATION, 1)]  # events.OSCILLATION
     network: Complex3
@@ -166,13 +166,13 @@ def fitted(state: PlantState, plant: Plant) -> PlantState:
 
 @compiled
 def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
-    """Index of the stage at a time; an event acts from its own instant on.
+    """Index of the interval at a time; an event acts from its own instant on.
 
-    If the stage begins there, the last solution is no start for the new network.
+    If the interval begins there, the last solution is no start for the new network.
     """
-    stage = 0
-    while stage + 1 < len(plant.stage_start_ns) and plant.stage_start_ns[stage + 1] <= time_ns:
-        stage += 1
-    if plant.stage_start_ns[stage] == time_ns:
+    interval = 0
+    while interval + 1 < len(plant.interval_start_ns) and plant.interval_start_ns[interval + 1] <= time_ns:
+        interval += 1
+    if plant.interval_start_ns[interval] == time_ns:
         state.source[:] = 0.0
-    return stage
+    return interval

@@ -13,29 +13,29 @@ if TYPE_CHECKING:
 
 
 @compiled
-def respond(plant: Plant, stage: int, work: Work) -> None:
+def respond(plant: Plant, interval: int, work: Work) -> None:
     """Of a large grid, find the voltages of all buses for `work.inputs`; `row_times` needs them."""
     if len(plant.sparse_networks) > 0:
-        solve_voltages(plant.sparse_networks[stage], work.inputs, work.voltage)
+        solve_voltages(plant.sparse_networks[interval], work.inputs, work.voltage)
 
 
 @compiled
-def row_times(plant: Plant, stage: int, row: int, inputs: Complex1, work: Work) -> complex:
+def row_times(plant: Plant, interval: int, row: int, inputs: Complex1, work: Work) -> complex:
     """One row of the network times its inputs, p.u."""
     if len(plant.sparse_networks) > 0:
-        return output(plant.sparse_networks[stage], row, inputs, work.voltage)
+        return output(plant.sparse_networks[interval], row, inputs, work.voltage)
     total = 0j
     for column in range(inputs.size):
-        total += plant.network[stage, row, column] * inputs[column]
+        total += plant.network[interval, row, column] * inputs[column]
     return total
 
 
 @compiled
-def own_response(plant: Plant, stage: int, p: int) -> complex:
+def own_response(plant: Plant, interval: int, p: int) -> complex:
     """Response of a port to its own source, p.u."""
     if len(plant.sparse_networks) > 0:
-        return plant.sparse_networks[stage].own[p]  # type: ignore[no-any-return]
-    return plant.network[stage, plant.machines.size + p, plant.machines.size + plant.infinite.size + p]  # type: ignore[no-any-return]
+        return plant.sparse_networks[interval].own[p]  # type: ignore[no-any-return]
+    return plant.network[interval, plant.machines.size + p, plant.machines.size + plant.infinite.size + p]  # type: ignore[no-any-return]
 
 
 @compiled

@@ -45,34 +45,32 @@ def product(row: Complex1, first: int, values: Complex1) -> complex:
 
 
 @compiled
-def _write_response(plant: Plant, stage: int, p: int, source: Complex1, work: Work) -> None:
+def _write_response(plant: Plant, interval: int, p: int, source: Complex1, work: Work) -> None:
     """Write the response of port p to all inputs into `work.response`, p.u."""
     if len(plant.sparse_networks) > 0:
-        work.response[p] = row_times(plant, stage, plant.machines.size + p, work.inputs, work)
+        work.response[p] = row_times(plant, interval, plant.machines.size + p, work.inputs, work)
     elif source.size < MANY:
-        total = work.given[p]
+        total, first = work.given[p], plant.machines.size + plant.infinite.size
         for r in range(source.size):
-            total += (
-                plant.network[stage, plant.machines.size + p, plant.machines.size + plant.infinite.size + r] * source[r]
-            )
+            total += plant.network[interval, plant.machines.size + p, first + r] * source[r]
         work.response[p] = total
     else:
-        row = plant.network[stage, plant.machines.size + p]
+        row = plant.network[interval, plant.machines.size + p]
         work.response[p] = work.given[p] + product(row, plant.machines.size + plant.infinite.size, source)
 
 
 @entry_point
-def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> float:
+def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, interval: int, work: Work) -> float:
     """Write f(q) - s of all ports into the last column of `work.matrix`.
 
     Returns the sum of squares, 0 if all are within the tolerance.
     """
     solved, total, last = True, 0.0, 2 * source.size
     set_sources(plant, source, work)
-    respond(plant, stage, work)
+    respond(plant, interval, work)
     for p in range(source.size):
-        _write_response(plant, stage, p, source, work)
-        rest = law(plant, x, reference, stage, p, work) - source[p]
+        _write_response(plant, interval, p, source, work)
+        rest = law(plant, x, reference, interval, p, work) - source[p]
         work.matrix[2 * p, last], work.matrix[2 * p + 1, last] = rest.real, rest.imag
         square = rest.real * rest.real + rest.imag * rest.imag
         size = source[p].real * source[p].real + source[p].imag * source[p].imag
@@ -83,7 +81,7 @@ def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stag
 
 
 @compiled
-def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
+def _newton_matrix(plant: Plant, interval: int, work: Work) -> None:
     """Write I - F H into `work.matrix`, F the ports' derivatives, H their mutual responses, in real pairs.
 
     Of a large grid H is found here, column by column: this takes long, but only where port by port none is found.
@@ -92,12 +90,12 @@ def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
     for r in range(plant.ports.size):
         if len(plant.sparse_networks) > 0:
             work.unit[first_column + r] = 1.0
-            solve_voltages(plant.sparse_networks[stage], work.unit, work.voltage)
+            solve_voltages(plant.sparse_networks[interval], work.unit, work.voltage)
         for p in range(plant.ports.size):
             if len(plant.sparse_networks) > 0:
-                h = row_times(plant, stage, first_row + p, work.unit, work)
+                h = row_times(plant, interval, first_row + p, work.unit, work)
             else:
-                h = plant.network[stage, first_row + p, first_column + r]
+                h = plant.network[interval, first_row + p, first_column + r]
             diagonal = 1.0 if p == r else 0.0
             i, j = 2 * p, 2 * r
             work.matrix[i, j] = diagonal - (work.slope[p, 0, 0] * h.real + work.slope[p, 0, 1] * h.imag)
@@ -108,20 +106,20 @@ def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
 
 
 @compiled
-def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> bool:
+def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, interval: int, work: Work) -> bool:
     """Newton's method from `source`, into `source` and `work.response`; returns whether it converged.
 
     A step that does not reduce the sum of squares is halved: limits cause kinks at which full steps may oscillate.
     """
-    if source.size >= MANY and _port_by_port(plant, x, reference, source, stage, work):
+    if source.size >= MANY and _port_by_port(plant, x, reference, source, interval, work):
         return True
     before, fraction = math.inf, 1.0
     for _ in range(MAX_ITERATIONS):
-        total = _mismatch(plant, x, reference, source, stage, work)
+        total = _mismatch(plant, x, reference, source, interval, work)
         if total == 0.0:
             return True
         if total < before or fraction < SMALLEST_FRACTION:
-            _newton_matrix(plant, stage, work)
+            _newton_matrix(plant, interval, work)
             if not eliminate(work.matrix):
                 return False
             before, fraction = total, 1.0
@@ -137,13 +135,15 @@ def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage:
 
 
 @entry_point
-def _newton_single_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> bool:
+def _newton_single_port(
+    plant: Plant, x: Float1, reference: Float1, source: Complex1, interval: int, work: Work
+) -> bool:
     """Solve for a plant's single port, a load or device, three times as fast; returns whether it converged.
 
     From q = q0 + H s and s = f(|q|) q / |q| follows |q0| = | |q| - H f |: one equation,
     |q| = Re(H f) + sqrt(|q0|^2 - Im(H f)^2), for the magnitude; then q / |q| = q0 / (|q| - H f).
     """
-    h = own_response(plant, stage, 0)
+    h = own_response(plant, interval, 0)
     q0 = work.given[0]
     square = q0.real * q0.real + q0.imag * q0.imag
     m = magnitude(q0 + h * source[0])
@@ -151,7 +151,7 @@ def _newton_single_port(plant: Plant, x: Float1, reference: Float1, source: Comp
     for _ in range(MAX_ITERATIONS):
         if not m > minimum:
             return False
-        value, slope = characteristic(plant, x, reference, stage, 0, m, work)
+        value, slope = characteristic(plant, x, reference, interval, 0, m, work)
         a, b = h * value, h * slope
         rest = square - a.imag * a.imag
         if not rest > 0.0:
@@ -170,7 +170,7 @@ def _newton_single_port(plant: Plant, x: Float1, reference: Float1, source: Comp
 
 
 @entry_point
-def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> bool:
+def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, interval: int, work: Work) -> bool:
     """Newton's method for one port after the other, with the other sources as they are; returns whether it converged.
 
     A port is coupled most to itself, so that a round reduces the error some tenfold; it costs little more than the
@@ -180,15 +180,15 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     for _ in range(MAX_ITERATIONS):
         solved, total = True, 0.0
         set_sources(plant, source, work)
-        respond(plant, stage, work)
+        respond(plant, interval, work)
         for p in range(source.size):
-            _write_response(plant, stage, p, source, work)
-            rest = law(plant, x, reference, stage, p, work) - source[p]
+            _write_response(plant, interval, p, source, work)
+            rest = law(plant, x, reference, interval, p, work) - source[p]
             square = rest.real * rest.real + rest.imag * rest.imag
             size = source[p].real * source[p].real + source[p].imag * source[p].imag
             solved = solved and square <= TOLERANCE * TOLERANCE * (1.0 + size)
             total += square
-            source[p] += _own_step(own_response(plant, stage, p), work.slope[p], rest)
+            source[p] += _own_step(own_response(plant, interval, p), work.slope[p], rest)
         if solved:
             return True
         if not total < 0.25 * before:
@@ -236,7 +236,7 @@ def _release(plant: Plant, source: Complex1, work: Work) -> bool:
 
 
 @entry_point
-def solve_ports(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> None:
+def solve_ports(plant: Plant, x: Float1, reference: Float1, source: Complex1, interval: int, work: Work) -> None:
     """Solve the sources of all ports into `source`, p.u.; NaN if there is no solution, which ends the run.
 
     Newton's method is tried from these starts until one converges: the last solution; no sources; all loads with their
@@ -249,12 +249,12 @@ def solve_ports(plant: Plant, x: Float1, reference: Float1, source: Complex1, st
     if (
         source.size == 1
         and plant.ports[0].kind != SALIENT
-        and _newton_single_port(plant, x, reference, source, stage, work)
+        and _newton_single_port(plant, x, reference, source, interval, work)
     ):
         return
     start = LAST_SOLUTION
     while start < NO_MORE and math.isfinite(x[0]):
-        if _newton(plant, x, reference, source, stage, work):
+        if _newton(plant, x, reference, source, interval, work):
             if _release(plant, source, work):
                 continue
             if not _block(plant, work):

@@ -289,6 +289,6 @@ def _with_outputs_given(plant: Plant, count: int) -> Plant:
     return plant._replace(
         machines=machines,
         infinite=np.zeros(count, np.complex128),
-        island=np.zeros((len(plant.stage_start_ns), first + count), np.int64),
-        sparse_networks=Table([net] * len(plant.stage_start_ns)),
+        island=np.zeros((len(plant.interval_start_ns), first + count), np.int64),
+        sparse_networks=Table([net] * len(plant.interval_start_ns)),
     )

@@ -157,7 +157,7 @@ def test_shipped_scenarios_build(name: str) -> None:
     devices = [d.name for d in load_system(system).devices]
     case = load_case(None, [f"system={system}", f"scenario={scenario}", f"devices={devices}", "controllers=[]"])
     plant = build.build_plant(case).plant
-    assert len(plant.stage_start_ns) + len(plant.oscillations) >= 2
+    assert len(plant.interval_start_ns) + len(plant.oscillations) >= 2
 
 
 REFUSED = [

@@ -128,10 +128,10 @@ def moved(built: Built, states: dict[str, float]) -> NDArray[np.float64]:
     return x
 
 
-def slopes(built: Built, x: NDArray[np.float64] | None = None, stage: int = 0) -> NDArray[np.float64]:
+def slopes(built: Built, x: NDArray[np.float64] | None = None, interval: int = 0) -> NDArray[np.float64]:
     """The derivatives dx/dt at the start, or at `x`."""
     x = built.state.x if x is None else x
     dx = np.zeros_like(x)
     state = copy(built.state)
-    derivatives(built.plant, x, state.reference, state.source, stage, dx, workspace(built.plant, state))
+    derivatives(built.plant, x, state.reference, state.source, interval, dx, workspace(built.plant, state))
     return dx

@@ -22,7 +22,7 @@ def at(time: float, kind: str, **fields: Any) -> dict[str, Any]:
     return {"time": time, "kind": kind, **fields}
 
 
-# Each kind once, with what its stage must hold.
+# Each kind once, with what its interval must hold.
 KINDS: dict[str, list[dict[str, Any]]] = {
     "fault": [at(1.5, "fault", bus="B9")],
     "clear": [at(1.0, "fault", line="line_4"), at(1.5, "clear", line="line_4")],
@@ -57,14 +57,14 @@ def test_event_acts_from_its_instant_on(kind: str) -> None:
     assert np.abs(trace.x[1] - built.state.x).max() < 1e-9
     assert np.abs(trace.x[3] - built.state.x).max() > 1e-4
     if kind == "forced_oscillation":  # the network stays
-        assert built.plant.stage_start_ns.tolist() == [0]
+        assert built.plant.interval_start_ns.tolist() == [0]
         return
-    assert built.plant.stage_start_ns[-1] == 1.5 * SECOND
-    assert built.plant.stage_start_ns[0] == 0
-    before, after = slopes(built, stage=0), slopes(built, stage=len(built.plant.stage_start_ns) - 1)
+    assert built.plant.interval_start_ns[-1] == 1.5 * SECOND
+    assert built.plant.interval_start_ns[0] == 0
+    before, after = slopes(built, interval=0), slopes(built, interval=len(built.plant.interval_start_ns) - 1)
     assert np.abs(before).max() < 1e-9
     if kind in ("clear", "brake_out", "line_in"):
-        assert np.abs(slopes(built, stage=1)).max() > 1e-3
+        assert np.abs(slopes(built, interval=1)).max() > 1e-3
         np.testing.assert_array_equal(built.plant.network[2], built.plant.network[0])
         np.testing.assert_array_equal(after, before)
     else:

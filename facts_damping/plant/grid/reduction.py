@@ -35,7 +35,7 @@ class Place(NamedTuple):
 
 
 class _Equations(NamedTuple):
-    """A stage's network: `matrix @ voltage = sources @ inputs` for the buses of unknown voltage, `live`."""
+    """An interval's network: `matrix @ voltage = sources @ inputs` for the buses of unknown voltage, `live`."""
 
     at: dict[str, int]  # index of each bus
     present: list[network.Branch]

@@ -1,4 +1,4 @@
-"""The network of a stage of a large grid: the factors of its admittance matrix, instead of a dense matrix; compiled.
+"""The network of an interval of a large grid: factors of its admittance matrix, instead of a dense matrix; compiled.
 
 A dense matrix of N outputs and N inputs costs N^2 at each evaluation. The voltages of all buses for given inputs cost
 some ten operations a bus; outputs depend on the voltages of one or two buses.
