@@ -24,7 +24,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.model import begin_interval, copy, workspace
 from facts_damping.signals import to_ns
-from facts_damping.simulation import build, loop
+from facts_damping.simulation import assembly, loop
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -160,7 +160,7 @@ def implicit(motion: Motion, method: Tableau, h: float, k: Any, trial: Any, inve
 
 def follow(case: Any, method: str, rate: int, end: float) -> tuple[NDArray[np.float64], int, float]:
     """Speeds (instants, machines), evaluations and seconds of a run by a method with steps of 1/rate at most."""
-    built = build.build_plant(case)
+    built = assembly.build_plant(case)
     plant, state = built.plant, copy(built.state)
     work, n = workspace(plant, state), len(state.x)
     speed_states = plant.machines["offset"] + 1

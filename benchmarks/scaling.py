@@ -27,7 +27,7 @@ import yaml
 
 from facts_damping.case.loading import load_case, load_system
 from facts_damping.plant.grid.power_flow import solve
-from facts_damping.simulation import build, loop
+from facts_damping.simulation import assembly, loop
 from facts_damping.small_signal import eigenmodes, linearisation, residues
 
 if TYPE_CHECKING:
@@ -113,8 +113,8 @@ def steps(path: str) -> dict[str, tuple[float, float]]:
     devices, pmus = [device.name for device in system.devices], [pmu.name for pmu in system.pmus]
     case = step("run and its checks", lambda: load_case(None, [f"system={path}", *sets]))
     step("power flow", lambda: solve(system, devices))
-    built = step("plant: power flow, start, network of 2 intervals", lambda: build.build_plant(case))
-    step("PMUs", lambda: build.build_pmus(case))
+    built = step("plant: power flow, start, network of 2 intervals", lambda: assembly.build_plant(case))
+    step("PMUs", lambda: assembly.build_pmus(case))
     whole = step("loop: plant, PMUs, links", lambda: loop.build_loop(case))
     step("run of 1 s", lambda: loop.run_loop(whole))
     model = step("linear plant", lambda: linearisation.linear_model(built, system.signals, pmus))
@@ -171,7 +171,7 @@ def measured(name: str, system: dict[str, Any] | str, load: str) -> None:
     sets = [f"scenario={json.dumps(step)}", "devices=[]", "controllers=[]", f"duration={SECONDS}"]
     case = load_case(None, [f"system={system if isinstance(system, str) else json.dumps(system)}", *sets])
     began = time.perf_counter()
-    built = build.build_plant(case)
+    built = assembly.build_plant(case)
     setup = time.perf_counter() - began
     times = []
     for _ in range(RUNS + 1):

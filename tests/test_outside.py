@@ -30,8 +30,8 @@ from facts_damping.errors import InputError, one_line
 from facts_damping.escaping import SCREEN, escaped, shortened
 from facts_damping.parameters.yaml_text import MAX_ENTRIES
 from facts_damping.recording.chunks import HEAD, MAX_OTHERS
-from facts_damping.simulation import fmus
 from facts_damping.simulation.changes import with_event, with_link
+from facts_damping.simulation.programs import fmus
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ FILES = {
     "recording/export.py": "writes",
     "recording/schemas.py": "reads installed definitions of messages",
     "recording/writer.py": "writes",
-    "simulation/fmus.py": "unpacks what the door has read",
+    "simulation/programs/fmus.py": "unpacks what the door has read",
     "small_signal/linear_plant.py": "writes",
     "facts_damping_testing/storm/storm_graph.py": "reads again what nodes say",
     "facts_damping_studies/campaigns/campaign_pages.py": "reads shipped pages",

@@ -19,7 +19,7 @@ from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
 from facts_damping.simulation.loop import build_loop
-from facts_damping.simulation.policies import check
+from facts_damping.simulation.programs.policies import check
 from facts_damping_gym.many import AgentInputs, Episodes, step_many
 from facts_damping_studies.sweeps import sweep
 

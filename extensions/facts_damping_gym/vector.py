@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 
 from facts_damping.compiling.structs import Table
 from facts_damping.signals import NANOSECONDS
-from facts_damping.simulation.policies import check
+from facts_damping.simulation.programs.policies import check
 from facts_damping_gym.many import Episodes, step_many
 from facts_damping_gym.single import Setting
 

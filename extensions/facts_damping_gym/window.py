@@ -12,7 +12,7 @@ from facts_damping_gym.many import append_to_window
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.simulation.spec import Spec
+    from facts_damping.simulation.programs.spec import Spec
 
 
 def each_scale(scale: float | list[float], signals: int) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ from facts_damping.output.tables import table
 from facts_damping.output.terminal import Progress, put
 from facts_damping.output.writing import write_json
 from facts_damping.signals import NEVER
-from facts_damping.simulation.replay import case_of, check_has_run
+from facts_damping.simulation.replaying.replay import case_of, check_has_run
 from facts_damping_streams.parameters import read_streams, server
 from facts_damping_streams.streaming import listening, recorded, serving
 from facts_damping_streams.streaming.pdc import WAIT_S, Pdc

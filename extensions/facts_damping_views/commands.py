@@ -15,7 +15,7 @@ from facts_damping.output.terminal import Progress, note, put
 from facts_damping.output.writing import write_whole
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
-from facts_damping.simulation.replay import check_has_run
+from facts_damping.simulation.replaying.replay import check_has_run
 
 if TYPE_CHECKING:
     import argparse

@@ -7,7 +7,7 @@ from facts_damping.api.results import Result, load_recording, simulate, summaris
 from facts_damping.api.stepping import Simulation
 from facts_damping.api.systems import linear_plant, modes
 from facts_damping.errors import FactsDampingError, InputError, RecordingError, RunError
-from facts_damping.simulation.spec import Spec
+from facts_damping.simulation.programs.spec import Spec
 
 __all__ = [
     "FactsDampingError",

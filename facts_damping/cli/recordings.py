@@ -16,8 +16,8 @@ from facts_damping.output.terminal import Progress, note
 from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
-from facts_damping.simulation import replay as again
-from facts_damping.simulation.replayed_nodes import Played
+from facts_damping.simulation.replaying import replay as again
+from facts_damping.simulation.replaying.replayed_nodes import Played
 from facts_damping.version import versions
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from facts_damping.analysis.summary import Summary
     from facts_damping.nodes.launching.graph import Outcome
     from facts_damping.record import Record
-    from facts_damping.simulation.policies import StepTimes
+    from facts_damping.simulation.programs.policies import StepTimes
 
     Named = list[tuple[str, Record]]
 

@@ -28,8 +28,8 @@ from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import adapted_weights, loop
-from facts_damping.simulation.policies import step_times
-from facts_damping.simulation.replay import check_has_run
+from facts_damping.simulation.programs.policies import step_times
+from facts_damping.simulation.replaying.replay import check_has_run
 
 if TYPE_CHECKING:
     import argparse

@@ -23,10 +23,10 @@ from facts_damping.nodes.input_collector import UnitDelay
 from facts_damping.nodes.transport.messages import ControllerStateMessage, Estimate, Estimates, Health
 from facts_damping.nodes.transport.tables import SetpointsMessage
 from facts_damping.simulation.adapted_weights import adapted
-from facts_damping.simulation.build import build_control
+from facts_damping.simulation.assembly import build_control
 from facts_damping.simulation.loop import setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
-from facts_damping.simulation.policies import check, connect, step_times
+from facts_damping.simulation.programs.policies import check, connect, step_times
 from facts_damping.simulation.restarts import Restarts
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from facts_damping.nodes.input_collector import UnitDelay
 from facts_damping.nodes.transport.messages import Estimates
 from facts_damping.signals import ESTIMATE
 from facts_damping.simulation.adapted_weights import adapted
-from facts_damping.simulation.build import build_control
+from facts_damping.simulation.assembly import build_control
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,7 +13,7 @@ from facts_damping.nodes import clock
 from facts_damping.plant.model import fitted, workspace
 from facts_damping.plant.watchdog import initial_clock_state, late_by_clock, let_go, rearm
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
-from facts_damping.simulation.build import build_plant, build_pmus, grid_events
+from facts_damping.simulation.assembly import build_plant, build_pmus, grid_events
 from facts_damping.simulation.changes import measured_otherwise, pending, reset_plant, with_event
 from facts_damping.simulation.measured_plant import (
     MeasuredPlant,

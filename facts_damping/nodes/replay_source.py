@@ -26,7 +26,7 @@ from facts_damping.nodes.transport.messages import grid_event
 from facts_damping.nodes.transport.tables import SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.simulation.measured_plant import entries
-from facts_damping.simulation.replay import acted, fitted
+from facts_damping.simulation.replaying.replay import acted, fitted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

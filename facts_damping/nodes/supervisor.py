@@ -51,7 +51,7 @@ from facts_damping.nodes.transport.messages import (
 )
 from facts_damping.nodes.transport.tables import SetpointsMessage
 from facts_damping.signals import DEVICE_TRUTH, NANOSECONDS, SETPOINT, SUPERVISION, Span
-from facts_damping.simulation.build import build_supervisors
+from facts_damping.simulation.assembly import build_supervisors
 from facts_damping.simulation.loop import setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.supervision.states import refusal

@@ -24,7 +24,7 @@ from facts_damping.nodes.base.topics import FRAMES
 from facts_damping.nodes.transport.messages import Health, link_statistics
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import CHANNELS, NEVER, SETPOINT
-from facts_damping.simulation.build import build_links
+from facts_damping.simulation.assembly import build_links
 from facts_damping.simulation.changes import relinked, renumbered, with_link
 from facts_damping.simulation.measured_plant import tick_ns
 

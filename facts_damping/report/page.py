@@ -17,9 +17,9 @@ from facts_damping.analysis.summary import Summary, summarise
 from facts_damping.errors import InputError
 from facts_damping.escaping import escaped
 from facts_damping.output.writing import write_whole
-from facts_damping.report.build import MAX_EVENTS, build
 from facts_damping.report.contents import ReportedRun, ReportTable
 from facts_damping.report.plotting import plot
+from facts_damping.report.sections import MAX_EVENTS, build
 from facts_damping.simulation.twins import twin_of
 from facts_damping.version import __version__
 

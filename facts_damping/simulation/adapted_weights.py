@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from facts_damping.case.names import controller_names
 from facts_damping.control.bank import controller_network
 from facts_damping.parameters.run import Controller, Weights
-from facts_damping.simulation.build import identifier_network
+from facts_damping.simulation.assembly import identifier_network
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case

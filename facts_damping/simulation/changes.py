@@ -27,7 +27,7 @@ from facts_damping.plant.load_noise import fitted as fitted_noise
 from facts_damping.plant.model import fitted, workspace
 from facts_damping.plant.watchdog import initial_watch, let_go, rearm
 from facts_damping.signals import NANOSECONDS, SETPOINT
-from facts_damping.simulation.build import build_plant, build_pmus, commands, grid_events, ways
+from facts_damping.simulation.assembly import build_plant, build_pmus, commands, grid_events, ways
 from facts_damping.simulation.loop import build_loop, record, setpoint_buffer, signals_for, step
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.restarts import Restarts

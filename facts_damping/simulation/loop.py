@@ -25,7 +25,7 @@ from facts_damping.signals import (
     SETPOINT,
     SUPERVISION,
 )
-from facts_damping.simulation.build import (
+from facts_damping.simulation.assembly import (
     build_control,
     build_links,
     build_plant,
@@ -39,7 +39,7 @@ from facts_damping.simulation.build import (
     supervised,
 )
 from facts_damping.simulation.measured_plant import MeasuredPlant
-from facts_damping.simulation.policies import check, connect
+from facts_damping.simulation.programs.policies import check, connect
 from facts_damping.simulation.restarts import Restarts
 from facts_damping.simulation.tick import ControlSystem, Loop, Signals, Used, run_half_ticks
 from facts_damping.version import versions

@@ -9,7 +9,7 @@ from facts_damping.control.inputs import inputs
 from facts_damping.control.table import GIVEN
 from facts_damping.link.transfer import RING_DELIVERED
 from facts_damping.simulation.measured_plant import tick_ns
-from facts_damping.simulation.policies import check
+from facts_damping.simulation.programs.policies import check
 from facts_damping.simulation.restarts import Restarts
 from facts_damping.simulation.tick import run_half_ticks
 

@@ -19,9 +19,9 @@ from facts_damping.analysis import details, summarise
 from facts_damping.cli.main import BAD_INPUT, main
 from facts_damping.digest import digest
 from facts_damping.errors import InputError
-from facts_damping.report.build import build
 from facts_damping.report.charts import detailed, envelope, steps
 from facts_damping.report.contents import Chart, Maps, ReportedRun, ReportTable
+from facts_damping.report.sections import build
 from facts_damping.report.tables import ranked
 from facts_damping.signals import DEVICE_TRUTH
 from tests.analysis.conftest import make_record

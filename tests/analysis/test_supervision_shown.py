@@ -13,8 +13,8 @@ from facts_damping.analysis.plotting.pictures import PICTURES
 from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES
-from facts_damping.report.build import build
 from facts_damping.report.contents import ReportedRun
+from facts_damping.report.sections import build
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:

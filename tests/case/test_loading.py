@@ -21,7 +21,7 @@ from facts_damping.parameters.stages import Noise
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build as build_grid
 from facts_damping.plant.grid.network import series_devices
-from facts_damping.simulation import build, loop
+from facts_damping.simulation import assembly, loop
 from facts_damping_studies.sweeps import sweep
 
 if TYPE_CHECKING:
@@ -78,10 +78,10 @@ def assert_one_line(error: InputError) -> None:
 def assert_refused_in_one_line_or_built(content: Any) -> None:
     try:
         case = make_case(content, "mutated")
-        build.build_plant(case)
-        build.build_links(case)
-        build.build_control(case)
-        build.build_supervisors(case)
+        assembly.build_plant(case)
+        assembly.build_links(case)
+        assembly.build_control(case)
+        assembly.build_supervisors(case)
     except InputError as error:
         assert_one_line(error)
 
@@ -156,7 +156,7 @@ def test_shipped_scenarios_build(name: str) -> None:
     system, scenario = name.split("/")
     devices = [d.name for d in load_system(system).devices]
     case = load_case(None, [f"system={system}", f"scenario={scenario}", f"devices={devices}", "controllers=[]"])
-    plant = build.build_plant(case).plant
+    plant = assembly.build_plant(case).plant
     assert len(plant.interval_start_ns) + len(plant.oscillations) >= 2
 
 
@@ -249,7 +249,7 @@ def test_bad_setting_is_refused_by_name(sets: list[str], said: str) -> None:
 def test_grid_whose_power_flow_does_not_converge_is_refused() -> None:
     case = load_case(None, ["system.loads.1.P=90000", "system.loads.1.at=solved"])
     with pytest.raises(InputError, match=r"power flow does not converge: mismatch .* allowed"):
-        build.build_plant(case)
+        assembly.build_plant(case)
 
 
 def test_island_without_a_machine_is_refused() -> None:

@@ -14,7 +14,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_control, plant_residues
+from facts_damping.simulation.assembly import build_control, plant_residues
 from facts_damping_studies.sweeps import sweep
 from facts_damping_studies.sweeps.batch import make
 

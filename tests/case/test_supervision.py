@@ -12,7 +12,7 @@ from facts_damping.case.supervision import local_signals
 from facts_damping.errors import InputError
 from facts_damping.monitor_table import MONITORS
 from facts_damping.parameters.files import shipped
-from facts_damping.simulation.build import build_control, build_supervisors
+from facts_damping.simulation.assembly import build_control, build_supervisors
 
 
 def fallback(**more: object) -> str:
@@ -105,7 +105,7 @@ def test_probe_that_is_not_over_when_a_controller_is_to_be_armed_is_refused(sets
 
 
 def test_probe_needs_a_mode(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("facts_damping.simulation.build.plant_residues", lambda _: None)
+    monkeypatch.setattr("facts_damping.simulation.assembly.plant_residues", lambda _: None)
     with pytest.raises(InputError, match=r"^supervision\.arming\.probe: true given; allowed: no probe, as the plant"):
         build_supervisors(load_case(None, [PROBED]))
     supervisors, _ = build_supervisors(load_case(None, [ON]))

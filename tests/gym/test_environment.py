@@ -13,7 +13,7 @@ import facts_damping as fd
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError, RunError
 from facts_damping.simulation import loop
-from facts_damping.simulation.spec import Spec, spec_of
+from facts_damping.simulation.programs.spec import Spec, spec_of
 from facts_damping_gym import NAME
 from facts_damping_gym.reward import IndexReward
 from facts_damping_gym.single import WideAreaDamping

@@ -29,7 +29,8 @@ from facts_damping.errors import RunError
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.signals import NANOSECONDS
-from facts_damping.simulation import loop, replay
+from facts_damping.simulation import loop
+from facts_damping.simulation.replaying import replay
 from facts_damping_studies.campaigns.invariants import late_ticks
 
 if TYPE_CHECKING:

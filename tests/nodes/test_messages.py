@@ -21,7 +21,7 @@ from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import ControllerStateMessage, Estimate, Estimates, PlantStateMessage
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, ESTIMATE, MACHINE_TRUTH, NANOSECONDS, SETPOINT
-from facts_damping.simulation.build import build_control
+from facts_damping.simulation.assembly import build_control
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case

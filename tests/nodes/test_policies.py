@@ -59,7 +59,7 @@ def test_commands_that_read_a_recording_run_no_user_code(
     def refuse(*_: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr("facts_damping.simulation.user_code.find", refuse)
+    monkeypatch.setattr("facts_damping.simulation.programs.user_code.find", refuse)
     report = ["--out", str(tmp_path / "analysis"), "--report", str(tmp_path / "report.html")]
     assert main(["analyze", str(recording), *report]) == 0
     assert main(["views", str(recording), "--out", str(tmp_path / "views")]) == 0

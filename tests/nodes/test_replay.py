@@ -30,7 +30,7 @@ from facts_damping.nodes.launching.starting import Parts
 from facts_damping.recording import RecordingWriter
 from facts_damping.recording.reader import KINDS, UNTIMED, load
 from facts_damping.recording.scan import scan
-from facts_damping.simulation import replay
+from facts_damping.simulation.replaying import replay
 from facts_damping_testing.loopback.opening import opened
 from tests.nodes.bags import STORAGES, copy, in_chunks
 from tests.nodes.graphs import (

@@ -15,9 +15,10 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.recording.reader import load
 from facts_damping.signals import NANOSECONDS
-from facts_damping.simulation import loop, replay
+from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun, with_event
 from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.simulation.replaying import replay
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, payloads, set_parameter, step
 
 if TYPE_CHECKING:

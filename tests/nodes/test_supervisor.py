@@ -23,8 +23,9 @@ from facts_damping.nodes.launching import graph
 from facts_damping.nodes.launching.starting import Parts
 from facts_damping.parameters.security import add_key
 from facts_damping.recording.reader import load
-from facts_damping.simulation import loop, replay
+from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
+from facts_damping.simulation.replaying import replay
 from tests.nodes.graphs import (
     LOADED_S,
     PATIENCE_S,

@@ -16,7 +16,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.nodes.launching import graph
 from facts_damping.nodes.live_plant import LivePlant
 from facts_damping.recording.reader import load
-from facts_damping.simulation import replay
+from facts_damping.simulation.replaying import replay
 from tests.nodes.graphs import PATIENCE_S, as_in_process, ticks
 
 if TYPE_CHECKING:

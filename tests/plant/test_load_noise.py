@@ -21,7 +21,7 @@ from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import workspace
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_plant
+from facts_damping.simulation.assembly import build_plant
 from tests.plant.island import P, island
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from facts_damping.plant.integration import advance
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import NOT_YET, SETPOINT, to_ns
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_plant
+from facts_damping.simulation.assembly import build_plant
 from facts_damping.simulation.measured_plant import tick_ns
 
 if TYPE_CHECKING:

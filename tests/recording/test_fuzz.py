@@ -22,7 +22,8 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import FactsDampingError
 from facts_damping.recording import RecordingWriter, load, schema_text
-from facts_damping.simulation import loop, replay
+from facts_damping.simulation import loop
+from facts_damping.simulation.replaying import replay
 from tests.mutations import damaged, mutated
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError, RunError
 from facts_damping.simulation import loop
-from facts_damping.simulation.policies import step_times
-from facts_damping.simulation.user_code import find
+from facts_damping.simulation.programs.policies import step_times
+from facts_damping.simulation.programs.user_code import find
 from tests.commands import assert_one_line, changes
 
 if TYPE_CHECKING:

@@ -15,13 +15,14 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.record import RunChange
-from facts_damping.simulation import loop, replay
+from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
+from facts_damping.simulation.replaying import replay
 from tests.two_devices import centralised, decentralised
 
 if TYPE_CHECKING:
     from facts_damping.record import Record
-    from facts_damping.simulation.replayed_nodes import Played
+    from facts_damping.simulation.replaying.replayed_nodes import Played
 
 NETWORKS = list(zip([*VARIANTS, "gaussian+fourier"], itertools.cycle(("direct", "indirect")), strict=False))
 OWN_LINKS = ["scenario=large", "duration=3", "controllers.0.link=plc", "controllers.1.link.up.0.delay=0.05"]

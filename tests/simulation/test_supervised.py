@@ -13,9 +13,10 @@ from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES, cause_name
 from facts_damping.parameters.faults import ControllerFault
 from facts_damping.record import RunChange
-from facts_damping.simulation import loop, replay
+from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.loop import build_loop, record, run_loop
+from facts_damping.simulation.replaying import replay
 from facts_damping.simulation.stepping import Stepper
 from tests.two_devices import decentralised
 

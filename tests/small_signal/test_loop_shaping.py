@@ -10,7 +10,7 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
-from facts_damping.simulation.build import plant_residues
+from facts_damping.simulation.assembly import plant_residues
 from facts_damping.small_signal import loop_shaping
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from scipy.signal import cont2discrete
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_control, plant_residues
+from facts_damping.simulation.assembly import build_control, plant_residues
 from facts_damping.small_signal.lqg import DesignModel, design, model, optimal, reduced, sampled
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from facts_damping.case.loading import load_case, load_system
 from facts_damping.parameters.files import shipped
 from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_plant
+from facts_damping.simulation.assembly import build_plant
 from facts_damping_studies.sweeps import sweep
 from facts_damping_studies.sweeps.batch import make, one_run
 

@@ -12,7 +12,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_plant
+from facts_damping.simulation.assembly import build_plant
 from facts_damping.small_signal.residues import residues
 from facts_damping_studies.sweeps import sweep
 from facts_damping_studies.sweeps.true_jacobian import Respondent, compared, follow

@@ -10,7 +10,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import MONITORS, STATES
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import plant_residues
+from facts_damping.simulation.assembly import plant_residues
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, link_delays, sampled
 
 HARM = list(MONITORS).index("harm")

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES, cause_name
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import plant_residues
+from facts_damping.simulation.assembly import plant_residues
 from facts_damping.supervision.model import UNKNOWNS
 from facts_damping.supervision.probe import fit
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
@@ -130,7 +130,7 @@ def test_while_a_device_is_probed_the_other_rests() -> None:
 
 def test_probe_is_over_when_it_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
     """Armed at the time that a refusal names, and not a tick before."""
-    monkeypatch.setattr("facts_damping.simulation.build._check_probes", lambda *_: None)
+    monkeypatch.setattr("facts_damping.simulation.assembly._check_probes", lambda *_: None)
     reports = [probed(*QUIET, f"arm_at={at}") for at in (13.167, 13.15)]
     assert [(state, refused) for _, state, refused in reports] == [("armed", ""), ("shadow", "no probe")]
 

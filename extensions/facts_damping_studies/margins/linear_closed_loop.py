@@ -31,7 +31,7 @@ from facts_damping.parameters.link import Link
 from facts_damping.parameters.stages import Constant
 from facts_damping.plant.build import build
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT, to_ns
-from facts_damping.simulation.build import build_control
+from facts_damping.simulation.assembly import build_control
 from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.lqg import washouts
 from facts_damping.small_signal.sampled_output import remember, samples

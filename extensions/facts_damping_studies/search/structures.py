@@ -17,7 +17,7 @@ from facts_damping.errors import InputError, check_known
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller
-from facts_damping.simulation.build import plant_residues
+from facts_damping.simulation.assembly import plant_residues
 from facts_damping_studies.search.scoring import REFERENCE
 from facts_damping_studies.search.space import GUARDS, Space
 from facts_damping_studies.sweeps.enumerated_axes import every_scheme

@@ -23,7 +23,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller, Tuned, TunedController
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_control, plant_residues
+from facts_damping.simulation.assembly import build_control, plant_residues
 from facts_damping_studies.search.optimisers import differential_evolution
 from facts_damping_studies.search.space import Space
 from facts_damping_studies.sweeps.enumerated_axes import SCENARIO, Scheme, every_scheme

@@ -17,7 +17,7 @@ from facts_damping.parameters import files
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import check_kind, find, read_sets, read_table
 from facts_damping.parameters.study import Study
-from facts_damping.simulation.user_code import source_hash
+from facts_damping.simulation.programs.user_code import source_hash
 from facts_damping.version import __version__
 from facts_damping_studies.margins import margins
 from facts_damping_studies.margins.criteria import Judged, fails

@@ -17,7 +17,7 @@ from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_plant
+from facts_damping.simulation.assembly import build_plant
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.small_signal.linearisation import weights_of
 

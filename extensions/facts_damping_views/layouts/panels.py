@@ -12,7 +12,7 @@ from facts_damping.devices.table import KINDS
 from facts_damping.monitor_table import MONITORS
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.supervision import Supervision, watches
-from facts_damping.simulation.build import identifier_network
+from facts_damping.simulation.assembly import identifier_network
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from facts_damping.simulation.policies import StepTimes
+    from facts_damping.simulation.programs.policies import StepTimes
 
 _TICK = re.compile(r"^tick (\d+) (\d+) (\d+)$", re.MULTILINE)
 _REFUSED = re.compile(r"^refused (\d+) (\S+) (\S+) (\S+)$", re.MULTILINE)

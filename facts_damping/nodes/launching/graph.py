@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.nodes.launching.processes import Process, Refusals
-    from facts_damping.simulation.policies import StepTimes
+    from facts_damping.simulation.programs.policies import StepTimes
 
 MAX_DOMAIN = 232
 FIRST_S = 60.0  # longest wait for the first tick: longer than the nodes' own time-outs

@@ -14,7 +14,7 @@ from facts_damping.errors import RunError
 from facts_damping.nodes.base import lines
 from facts_damping.nodes.launching import forked
 from facts_damping.nodes.launching.commands import Command, command
-from facts_damping.simulation.policies import StepTimes
+from facts_damping.simulation.programs.policies import StepTimes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -26,7 +26,7 @@ from facts_damping.signals import (
     to_ns,
     truth_field,
 )
-from facts_damping.simulation.build import identifier_network
+from facts_damping.simulation.assembly import identifier_network
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,7 +9,8 @@ from facts_damping.control.table import kind_of
 from facts_damping.digest import canonical
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.nodes.launching.starting import RECORDER
-from facts_damping.simulation import changes, replay
+from facts_damping.simulation import changes
+from facts_damping.simulation.replaying import replay
 from facts_damping_testing.storm.events import KINDS
 from facts_damping_testing.storm.rules.foreign import may_be_replaced
 

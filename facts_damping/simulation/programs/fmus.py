@@ -27,7 +27,7 @@ from facts_damping.parameters.run import Fmu
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.simulation.spec import Spec
+    from facts_damping.simulation.programs.spec import Spec
 
 REAL = {"2.0": "Real", "3.0": "Float64"}  # type of real numbers, by version of FMI
 ERROR = 3  # least status of a log message that counts as an error

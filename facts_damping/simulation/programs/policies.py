@@ -25,9 +25,9 @@ from facts_damping.case.names import controller_names
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
 from facts_damping.signals import NANOSECONDS
-from facts_damping.simulation.fmus import FmuController
-from facts_damping.simulation.spec import spec_of
-from facts_damping.simulation.user_code import described, file_of, find, running, users
+from facts_damping.simulation.programs.fmus import FmuController
+from facts_damping.simulation.programs.spec import spec_of
+from facts_damping.simulation.programs.user_code import described, file_of, find, running, users
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,11 +14,11 @@ from facts_damping.control.bank import act, controller_network, set_estimate
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.neurofuzzy.learning import write_learning
 from facts_damping.signals import ESTIMATE, LEARNING, SETPOINT, SUPERVISION, Span
-from facts_damping.simulation.build import identifier_network
+from facts_damping.simulation.assembly import identifier_network
 from facts_damping.simulation.loop import control_system, setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
-from facts_damping.simulation.policies import check, connect
-from facts_damping.simulation.replayed_changes import ReplayedChanges
+from facts_damping.simulation.programs.policies import check, connect
+from facts_damping.simulation.replaying.replayed_changes import ReplayedChanges
 from facts_damping.simulation.restarts import Restarts
 from facts_damping.supervision.model import SUPERVISOR
 from facts_damping.supervision.step import controller_health, supervise, write_status

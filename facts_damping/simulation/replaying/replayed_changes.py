@@ -14,7 +14,7 @@ from facts_damping.errors import InputError
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.run import Weights
 from facts_damping.record import Absence
-from facts_damping.simulation.build import build_control
+from facts_damping.simulation.assembly import build_control
 from facts_damping.simulation.changes import ask, set_parameter
 from facts_damping.simulation.restarts import restore
 

@@ -22,10 +22,10 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.files import each_path, read_sets
 from facts_damping.plant.integration import watch
 from facts_damping.signals import NANOSECONDS, REFUSED
-from facts_damping.simulation.build import build_plant
+from facts_damping.simulation.assembly import build_plant
 from facts_damping.simulation.changes import by_tick, change_watch
 from facts_damping.simulation.measured_plant import tick_ns
-from facts_damping.simulation.replayed_nodes import NodeReplay, Played
+from facts_damping.simulation.replaying.replayed_nodes import NodeReplay, Played
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

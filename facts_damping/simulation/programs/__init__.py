@@ -1,0 +1,1 @@
+"""Controllers that are programs of the user's own: classes, functions, FMUs."""

@@ -1,0 +1,1 @@
+"""A recorded run computed again, node by node, and compared."""
