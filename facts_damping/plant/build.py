@@ -101,9 +101,7 @@ def build(
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
         load_noise=load_noise.table({}, loads, len(loads)),
         oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
-        network=np.zeros((0, 0, 0), np.complex128)
-        if large
-        else np.array([reduce_network(*part) for part in intervals]),
+        network=np.zeros((0, 0, 0), complex) if large else np.array([reduce_network(*part) for part in intervals]),
         sparse_networks=Table([sparse_network(*part) for part in intervals] if large else []),
         pmu_machine=np.array([at[pmu.machine] for pmu in system.pmus]),
     )
