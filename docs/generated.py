@@ -25,12 +25,12 @@ from facts_damping.control.table import CONTROLLERS
 from facts_damping.devices.base import DeviceModel
 from facts_damping.devices.table import KINDS
 from facts_damping.fields import ParameterModel
+from facts_damping.machine_controls.block_models import MODELS
 from facts_damping.parameters import measurement
 from facts_damping.parameters.events import Scenario
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.measurement import Measurement
-from facts_damping.parameters.plant.block_models import MODELS
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Run, Tuned, Weights

@@ -6,9 +6,9 @@ from copy import deepcopy
 from typing import Any
 
 from facts_damping.errors import InputError
+from facts_damping.machine_controls.block_models import MODELS
+from facts_damping.machine_controls.blocks import TABLES
 from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.plant.block_models import MODELS
-from facts_damping.parameters.plant.blocks import TABLES
 from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import limit_violations
 

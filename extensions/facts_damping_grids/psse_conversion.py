@@ -9,9 +9,9 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
+from facts_damping.machine_controls.block_models import MODELS, quantity_of
+from facts_damping.machine_controls.blocks import SHORTEST, TABLES
 from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.plant.block_models import MODELS, quantity_of
-from facts_damping.parameters.plant.blocks import SHORTEST, TABLES
 from facts_damping.parameters.plant.system import System
 from facts_damping_grids import matpower_conversion
 from facts_damping_grids import psse_network as network

@@ -129,7 +129,7 @@ def summarise(
     `differences`: name -> (ticks,), p.u., the speed differences to judge; default: those of the configuration.
     `twin`: of a run with noise (simulation/twins.py); verdict, modes and settling time are then those of its
     response to the events, by the default differences. Without it, verdicts of runs with noise can be wrong.
-    `method`: how modes are identified, one of `analysis.poles.METHODS` or `ambient.METHOD`; AUTO: from the noise if the
+    `method`: how modes are identified, one of `modes.poles.METHODS` or `ambient.METHOD`; AUTO: from the noise if the
     run has load noise and no event, else from the ringdown; None: not at all. For a run that is not stable, or of
     unknown stability (`stable` None), indices and settling time are None and there are no modes. Raises InputError if
     the speed differences do not fit the record, or for an unknown method.

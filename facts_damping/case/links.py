@@ -6,7 +6,7 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.delay_traces import with_traces
-from facts_damping.case.resolving import located
+from facts_damping.case.named_files import located
 from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
 from facts_damping.parameters.field_errors import check, check_field, of_field
@@ -16,7 +16,7 @@ from facts_damping.parameters.run import Run
 from facts_damping.parameters.stages import Bernoulli
 
 if TYPE_CHECKING:
-    from facts_damping.case.resolving import Source, Sources
+    from facts_damping.case.named_files import Source, Sources
     from facts_damping.parameters.measurement import Measurement
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Controller

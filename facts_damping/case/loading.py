@@ -11,7 +11,7 @@ from facts_damping.case.checks import check_case, check_events
 from facts_damping.case.controllers import filled
 from facts_damping.case.links import beside, check_felt, links_of, signed
 from facts_damping.case.model import Case
-from facts_damping.case.resolving import checked, read_source, resolve
+from facts_damping.case.named_files import checked, read_source, resolve
 from facts_damping.case.supervision import check_fallbacks, supervision_of
 from facts_damping.errors import check_known
 from facts_damping.input_files import naming_no_files

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from facts_damping.case.resolving import located
+from facts_damping.case.named_files import located
 from facts_damping.monitor_table import MONITORS
 from facts_damping.parameters.field_errors import FieldError, check_field, check_known
 from facts_damping.parameters.supervision import Supervision
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
-    from facts_damping.case.resolving import Source
+    from facts_damping.case.named_files import Source
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Run
 

@@ -54,7 +54,7 @@ from facts_damping.signals import DEVICE_TRUTH, NANOSECONDS, SETPOINT, SUPERVISI
 from facts_damping.simulation.assembly import build_supervisors
 from facts_damping.simulation.loop import setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
-from facts_damping.supervision.states import refusal
+from facts_damping.supervision.state_machine import refusal
 from facts_damping.supervision.step import supervise, write_status
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from facts_damping.devices.kind import Site
 from facts_damping.devices.table import KINDS
 from facts_damping.elementary import magnitude, phase, rect
 from facts_damping.errors import InputError
+from facts_damping.machine_controls.block_models import MODELS
 from facts_damping.numerics.phasors import magnitudes, over, times
-from facts_damping.parameters.plant.block_models import MODELS
 from facts_damping.plant import load_noise
 from facts_damping.plant.converters import devices
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT

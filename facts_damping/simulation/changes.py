@@ -14,7 +14,7 @@ import numpy as np
 from facts_damping.case.links import beside, link_of, with_number
 from facts_damping.case.loading import make_case
 from facts_damping.case.measurement import with_number as with_measured
-from facts_damping.case.resolving import read_source
+from facts_damping.case.named_files import read_source
 from facts_damping.control.bank import put
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError

@@ -20,7 +20,7 @@ from facts_damping.signals import Deliveries, DeviceTruths, Setpoints, Span, Sup
 from facts_damping.supervision import monitors, probe
 from facts_damping.supervision.model import SupervisorRows, Supervisors, SupervisorState, begin
 from facts_damping.supervision.output import emit_zero, forward_setpoints, fraction
-from facts_damping.supervision.states import finish_probe, handle_commands, judge
+from facts_damping.supervision.state_machine import change_state, finish_probe, handle_commands
 
 
 @entry_point
@@ -56,7 +56,7 @@ def supervise(
     if row.state not in (ARMED, FALLBACK):
         count = emit_zero(supervisors, state, s, tick, end_ns - 1, out, count)
     _process_frames(supervisors, state, s, tick, delivered, answered)
-    _judge(supervisors, state, s, tick, end_ns, devices, lapses)
+    _monitor(supervisors, state, s, tick, end_ns, devices, lapses)
     return count
 
 
@@ -87,7 +87,7 @@ def _process_frames(
 
 
 @entry_point
-def _judge(
+def _monitor(
     supervisors: Supervisors, state: SupervisorState, s: int, tick: int, end_ns: int, devices: DeviceTruths, lapses: int
 ) -> None:
     """Update the monitors at the end of a tick, and act on them."""
@@ -98,7 +98,7 @@ def _judge(
     monitors.check_data(supervisors, state, s, end_ns)
     monitors.controller(supervisors, state, s, end_ns, lapses)
     monitors.check_grid(supervisors, state, s, devices)
-    judge(supervisors, state, s, end_ns)
+    change_state(supervisors, state, s, end_ns)
 
 
 @entry_point

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.plant.block_models import MODELS
+from facts_damping.machine_controls.block_models import MODELS
 from facts_damping.parameters.plant.machines import BLOCK_CONTROLS
 from facts_damping.plant.machines import block_controls, blocks
 from facts_damping.plant.machines.block_controls import GIVES

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from facts_damping.fields import Name, ParameterModel, quantity
-from facts_damping.parameters.plant.block_models import MODELS, quantity_of
-from facts_damping.parameters.plant.blocks import SHORTEST
+from facts_damping.machine_controls.block_models import MODELS, quantity_of
+from facts_damping.machine_controls.blocks import SHORTEST
 
 # What each machine model needs beside P, V, H, D and Ra.
 NEEDED = {

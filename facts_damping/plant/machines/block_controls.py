@@ -10,9 +10,9 @@ import numpy as np
 
 from facts_damping.elementary import rect
 from facts_damping.errors import InputError
+from facts_damping.machine_controls.block_models import INPUTS, MODELS
+from facts_damping.machine_controls.blocks import Block
 from facts_damping.numerics.matrices import least_squares
-from facts_damping.parameters.plant.block_models import INPUTS, MODELS
-from facts_damping.parameters.plant.blocks import Block
 from facts_damping.plant.machines import blocks as kernel
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Control(NamedTuple):
 
 
 def control(data: Any) -> Control:
-    """The rows of a control with its parameters (`parameters.machines`); state indices count from 0.
+    """The rows of a control with its parameters (`parameters.plant.machines`); state indices count from 0.
 
     Raises `InputError` if blocks form an algebraic loop.
     """

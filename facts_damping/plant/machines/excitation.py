@@ -1,6 +1,6 @@
 """Excitation systems: constant field voltage, static exciter, IEEE DC1A; the model is selected by a code.
 
-Further ones are tables of blocks: `parameters/plant/exciters.py`.
+Further ones are tables of blocks: `machine_controls/exciters.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Mechanical power: constant, or a hydraulic turbine with its governor (HYGOV); compiled."""
+"""Mechanical power: constant, or a hydraulic turbine with its governor (HYGOV); compiled.
+
+Other governors are rows of `machine_controls/governors.py`.
+"""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.parameters.plant.blocks import Block, Model
+from facts_damping.machine_controls.blocks import Block, Model
 
 if TYPE_CHECKING:
     from collections.abc import Callable

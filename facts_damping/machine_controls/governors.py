@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from facts_damping.parameters.plant.blocks import Block, Model
+from facts_damping.machine_controls.blocks import Block, Model
 
 GOVERNORS = {
     "TGOV1": Model(

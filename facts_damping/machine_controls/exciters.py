@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.parameters.plant.blocks import Block, Model, exponential, saturation
+from facts_damping.machine_controls.blocks import Block, Model, exponential, saturation
 
 if TYPE_CHECKING:
     from collections.abc import Callable

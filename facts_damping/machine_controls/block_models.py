@@ -7,10 +7,10 @@ Studies, 1981 (EXST1, IEEEST); PSS/E Model Library.
 
 from __future__ import annotations
 
-from facts_damping.parameters.plant.blocks import Model, Quantity
-from facts_damping.parameters.plant.exciters import EXCITERS
-from facts_damping.parameters.plant.governors import GOVERNORS
-from facts_damping.parameters.plant.stabilisers import STABILISERS
+from facts_damping.machine_controls.blocks import Model, Quantity
+from facts_damping.machine_controls.exciters import EXCITERS
+from facts_damping.machine_controls.governors import GOVERNORS
+from facts_damping.machine_controls.stabilisers import STABILISERS
 
 MODELS: dict[str, Model] = {**EXCITERS, **GOVERNORS, **STABILISERS}
 

@@ -107,7 +107,7 @@ def arm(supervisors: Supervisors, state: SupervisorState, s: int, at_ns: int, by
 
 
 @compiled
-def judge(supervisors: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
+def change_state(supervisors: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
     """Compare the monitors with their limits, and fall back, trip or recover."""
     row, settings, worst, cause = state.rows[s], supervisors.settings[s], codes.OFF, codes.NO_CAUSE
     for m in range(row.values.size):
