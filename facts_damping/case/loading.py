@@ -118,8 +118,8 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
 def _made(content: Any, sets: dict[str, str]) -> Case:
     run = check_field(Run, content, "")
     system = checked(System, read_source("systems", run.system, "system"))
+    model = None if run.model is None else _model(checked(System, read_source("systems", run.model, "model")), system)
     sources = resolve(run, system.name)
-    model = None if sources.model is None else _model(checked(System, sources.model), system)
     scenario, scenario_file = checked(Scenario, sources.scenario), sources.scenario.file
     measurement = checked(Measurement, sources.measurement)
     link, links, used = links_of(sources)

@@ -26,9 +26,8 @@ class Source(NamedTuple):
 
 
 class Sources(NamedTuple):
-    """All that a run names besides its system; `links`: of each controller, None: the run's."""
+    """All that a run names besides its systems; `links`: of each controller, None: the run's."""
 
-    model: Source | None
     scenario: Source
     measurement: Source
     link: Source
@@ -43,7 +42,6 @@ def resolve(run: Run, system: str) -> Sources:
     else:
         scenario = Source({"name": "inline", "events": run.scenario}, "scenario")
     return Sources(
-        None if run.model is None else read_source("systems", run.model, "model"),
         scenario,
         read_source("measurement", run.measurement, "measurement"),
         read_source("links", run.link, "link"),

@@ -38,7 +38,7 @@ class DeviceModel(ParameterModel):
         return fields
 
     @model_validator(mode="after")
-    def _consistent(self) -> DeviceModel:
+    def _placed_and_checked(self) -> DeviceModel:  # extensions have validators of other names
         self.check_place()
         self.check()
         return self

@@ -16,7 +16,7 @@ from facts_damping.errors import InputError
 from facts_damping.machine_controls.block_models import MODELS
 from facts_damping.numerics.phasors import magnitudes, over, times
 from facts_damping.plant import load_noise
-from facts_damping.plant.converters import devices
+from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT
 from facts_damping.plant.events import oscillating_loads, oscillations, topology_intervals
 from facts_damping.plant.grid import load
@@ -293,7 +293,7 @@ def _devices(
     states: _States,
     ports: _Ports,
 ) -> NDArray[Any]:
-    rows = np.zeros(len(installed), devices.DEVICE)
+    rows = np.zeros(len(installed), dispatch.DEVICE)
     for d, device in enumerate(installed):
         machine, places, sizes = -1, list[Place](), [math.nan]
         if isinstance(device, AtMachine):
@@ -303,7 +303,7 @@ def _devices(
         else:
             places, sizes = [Place(bus) for bus in device.buses], [voltages[bus] for bus in device.buses]
         site = Site(states.offset, 2 * math.pi * system.frequency, sizes[0], sizes[-1], system.base_power, machine)
-        start = devices.install(rows[d], device, site)
+        start = dispatch.install(rows[d], device, site)
         rows[d]["port"] = ports.add(DEVICE, d, places[0], start.minimum, start.maximum) if places else -1
         for place in places[1:]:
             rows[d]["other"] = ports.add(OTHER_END, d, place)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
 from facts_damping.elementary import magnitude, sin_cos
-from facts_damping.plant.converters import devices
+from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.grid import load
 from facts_damping.plant.machines import blocks, excitation, governor, stabiliser
@@ -29,7 +29,7 @@ def _add_at_regulators(plant: Plant, x: Float1, reference: Float1, work: Work) -
     for i in range(plant.placed.size):
         d = plant.placed[i]
         if d.port < 0:
-            u = effective_reference(d, x, devices.reference_of(reference, i))
+            u = effective_reference(d, x, dispatch.reference_of(reference, i))
             work.added[d.machine] += u
 
 
@@ -152,7 +152,7 @@ def _port_derivatives(plant: Plant, x: Float1, reference: Float1, dx: Float1, wo
             load.derivatives(plant.loads[i], x, work.response[plant.loads[i].port], dx)
     for i in range(plant.placed.size):
         d = plant.placed[i]
-        u = devices.reference_of(reference, i)
+        u = dispatch.reference_of(reference, i)
         if d.response_time > 0.0:  # its lag also moves while the device is blocked
             dx[d.lag] = (u - x[d.lag]) / d.response_time
         if d.port < 0:
@@ -162,9 +162,9 @@ def _port_derivatives(plant: Plant, x: Float1, reference: Float1, dx: Float1, wo
                 dx[d.offset + k] = 0.0
         else:
             u = effective_reference(d, x, u)
-            devices.derivatives(d.kind, d, x, u, magnitude(work.response[d.port]), dx)
+            dispatch.derivatives(d.kind, d, x, u, magnitude(work.response[d.port]), dx)
             if d.other > 0:
-                devices.other_derivatives(d.kind, d, x, u, magnitude(work.response[d.other]), dx)
+                dispatch.other_derivatives(d.kind, d, x, u, magnitude(work.response[d.other]), dx)
 
 
 AT = len(SENSED)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
 from facts_damping.elementary import magnitude
-from facts_damping.plant.converters import devices
+from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.converters.site import DEVICE, OTHER_END, SALIENT
 from facts_damping.plant.grid import load
@@ -48,10 +48,10 @@ def characteristic(
     port = plant.ports[p]
     if port.kind in (DEVICE, OTHER_END):
         device = plant.placed[port.row]
-        u = effective_reference(device, x, devices.reference_of(reference, port.row))
+        u = effective_reference(device, x, dispatch.reference_of(reference, port.row))
         if port.kind == DEVICE:
-            return devices.characteristic(device.kind, device, x, u, size)  # type: ignore[no-any-return]
-        return devices.other_characteristic(device.kind, device, x, u, size)  # type: ignore[no-any-return]
+            return dispatch.characteristic(device.kind, device, x, u, size)  # type: ignore[no-any-return]
+        return dispatch.other_characteristic(device.kind, device, x, u, size)  # type: ignore[no-any-return]
     d = plant.loads[port.row]
     active, reactive = 1.0 + work.noise[port.row, 0], 1.0 + work.noise[port.row, 1]
     if d.offset >= 0:

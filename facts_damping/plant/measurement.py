@@ -8,7 +8,7 @@ from typing import Any
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Float1, Float2
 from facts_damping.elementary import atan2, magnitude, phase
-from facts_damping.plant.converters import devices as facts
+from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.dynamics import derivatives, move_controls, solve_network, stator
 from facts_damping.plant.forced_oscillations import begin_oscillations, move_oscillations
@@ -57,7 +57,7 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
         watch.refused_order,
     )
     u = effective_reference(row, state.x, state.reference[d])
-    facts.truth(row.kind, row, state.x, u, magnitude(response), blocked, out)
+    dispatch.truth(row.kind, row, state.x, u, magnitude(response), blocked, out)
 
 
 @compiled

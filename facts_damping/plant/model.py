@@ -22,7 +22,7 @@ from facts_damping.compiling.structs import (
     Struct,
     Table,
 )
-from facts_damping.plant.converters.devices import DEVICE
+from facts_damping.plant.converters.dispatch import DEVICE
 from facts_damping.plant.converters.site import PORT
 from facts_damping.plant.events import OSCILLATION
 from facts_damping.plant.grid.load import LOAD

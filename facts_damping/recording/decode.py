@@ -7,6 +7,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_typestore
 
 from facts_damping.errors import RecordingError
 from facts_damping.recording.columns import Block, blocks, kept
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
 
     from facts_damping.recording.bagfile import TopicInfo
+
+NO_FIELDS = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))]  # of a type without any
 
 
 class Series(NamedTuple):
@@ -49,10 +53,21 @@ def decode(topic: TopicInfo, data: Sequence[bytes], notes: list[str]) -> list[Bl
 
 @lru_cache(maxsize=64)
 def _definitions(message_type: str, schema: str) -> Typesdict:
-    """Types of one schema, checked."""
+    """Types of one schema, checked, and those that every schema may use without their text.
+
+    In CDR a type without fields is one byte.
+    """
     definitions = parse_schema(message_type, schema)
     check_fields(message_type, definitions)
-    return definitions
+    for name, (constants, fields) in definitions.items():
+        names = [field for field, _ in fields]
+        if len(set(names)) < len(names):
+            raise RecordingError(f"schema of {message_type}: {name}: a field given twice; allowed: each once")
+        definitions[name] = (
+            constants,
+            fields or [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))],
+        )
+    return {**get_typestore(Stores.EMPTY).fielddefs, **definitions}
 
 
 def series(topic: str, parts: Sequence[Block], several: bool, notes: list[str]) -> Series:

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from facts_damping.analysis.details import improvements
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping.analysis.summary import Summary, summarise
+from facts_damping.analysis.summary import AUTO, Summary, summarise
 from facts_damping.errors import InputError
 from facts_damping.escaping import escaped
 from facts_damping.output.writing import write_whole
@@ -24,7 +24,7 @@ from facts_damping.simulation.twins import twin_of
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from bokeh.models import Model
@@ -37,19 +37,31 @@ MARKS = {"best": "▲", "worst": "▼"}
 
 
 def write(
-    path: Path, records: Sequence[tuple[str, Record]], summaries: Sequence[Any] | None = None, baseline: int = 0
+    path: Path,
+    records: Sequence[tuple[str, Record]],
+    summaries: Sequence[Summary | Mapping[str, Any]] | None = None,
+    baseline: int = 0,
 ) -> None:
-    """Write the report of several records (name, record), with their improvement over that of index `baseline`.
+    """Write the report of several records (name, record).
 
-    `summaries`: their figures; those that are no `Summary`, as the dictionaries of `fd.summarise`, are computed again.
-    Raises InputError if the file cannot be written.
+    `summaries`: of each its `Summary`, or the dictionary of `fd.summarise`, which may have the path of the `recording`
+    and `improvement_percent`; None: computed, with the improvement over the run of index `baseline`. Raises InputError
+    if the file cannot be written.
     """
-    figures = [
-        summary if isinstance(summary, Summary) else summarise(record, twin=twin_of(record))
-        for (_, record), summary in zip(records, summaries or [None] * len(records), strict=True)
-    ]
-    rows = zip(records, figures, improvements(figures, baseline), strict=True)
-    write_runs(path, [ReportedRun(*named, summary, "-", percent) for named, summary, percent in rows], baseline)
+    if summaries is None:
+        figures = [summarise(record, twin=twin_of(record)) for _, record in records]
+        rows = zip(records, figures, improvements(figures, baseline), strict=True)
+        runs = [ReportedRun(*named, summary, "-", percent) for named, summary, percent in rows]
+    else:
+        runs = [_reported(*named, summary) for named, summary in zip(records, summaries, strict=True)]
+    write_runs(path, runs, baseline)
+
+
+def _reported(name: str, record: Record, summary: Summary | Mapping[str, Any]) -> ReportedRun:
+    if isinstance(summary, Summary):
+        return ReportedRun(name, record, summary)
+    figures = summarise(record, method=summary.get("modes_method") or AUTO, twin=twin_of(record))
+    return ReportedRun(name, record, figures, summary.get("recording") or "-", summary.get("improvement_percent"))
 
 
 def write_runs(path: Path, runs: Sequence[ReportedRun], baseline: int = 0) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from facts_damping.devices.table import KINDS as TABLE
 from facts_damping.parameters.plant.placement import place
-from facts_damping.plant.converters import devices
+from facts_damping.plant.converters import dispatch
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
 if TYPE_CHECKING:
@@ -66,21 +66,21 @@ def test_device_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     d, x = built.plant.devices[0], built.state.x
     size = 4.0 if kind in ("sssc", "tcsc") else 1.0
     dx = np.full_like(x, np.nan)
-    devices.derivatives(int(d["kind"]), d, x, 0.01, size, dx)
-    devices.other_derivatives(int(d["kind"]), d, x, 0.01, size, dx)
+    dispatch.derivatives(int(d["kind"]), d, x, 0.01, size, dx)
+    dispatch.other_derivatives(int(d["kind"]), d, x, 0.01, size, dx)
     assert list(np.flatnonzero(np.isfinite(dx))) == states_of(built, f"{kind}_1")
     assert len(states_of(built, f"{kind}_1")) == d["states"] == len(TABLE[kind].states)
-    assert np.isfinite(devices.characteristic(int(d["kind"]), d, x, 0.01, size)).all()
+    assert np.isfinite(dispatch.characteristic(int(d["kind"]), d, x, 0.01, size)).all()
     two = TABLE[kind].other_end is not None
-    assert np.isfinite(devices.other_characteristic(int(d["kind"]), d, x, 0.01, size)[0]) == two == (d["other"] > 0)
+    assert np.isfinite(dispatch.other_characteristic(int(d["kind"]), d, x, 0.01, size)[0]) == two == (d["other"] > 0)
 
 
 def test_unknown_device_kind_gives_nan() -> None:
     """So that a forgotten branch ends the run, and does not take another's law."""
     d = plant(system(), installed=["statcom_1"]).plant.devices.copy()[0]
     d["kind"] = -1
-    assert np.isnan(devices.characteristic(int(d["kind"]), d, np.zeros(9), 0.0, 1.0)[0])
-    assert np.isnan(devices.other_characteristic(int(d["kind"]), d, np.zeros(9), 0.0, 1.0)[0])
+    assert np.isnan(dispatch.characteristic(int(d["kind"]), d, np.zeros(9), 0.0, 1.0)[0])
+    assert np.isnan(dispatch.other_characteristic(int(d["kind"]), d, np.zeros(9), 0.0, 1.0)[0])
 
 
 @pytest.mark.parametrize("name", ["two_area", "kundur_12_6_thyristor"])

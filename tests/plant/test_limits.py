@@ -12,7 +12,7 @@ from facts_damping.devices import sssc
 from facts_damping.devices.kind import Site
 from facts_damping.devices.sssc import Sssc
 from facts_damping.errors import InputError
-from facts_damping.plant.converters import devices
+from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.site import DEVICE, PORT
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.grid.network import series_devices
@@ -84,8 +84,8 @@ def at_a_port(converter: Any, x: Sequence[float], u: float, voltage: complex, im
     """A converter alone at a source `voltage` behind `impedance`, p.u."""
     empty = bare()
     admittance = 1 / (impedance + complex(converter["rs"], converter["xs"]))
-    rows = np.zeros(1, devices.DEVICE)
-    rows[0]["kind"], rows[0]["states"], rows[0]["sssc"] = devices.CODES["sssc"], 3, converter
+    rows = np.zeros(1, dispatch.DEVICE)
+    rows[0]["kind"], rows[0]["states"], rows[0]["sssc"] = dispatch.CODES["sssc"], 3, converter
     model = empty.plant._replace(
         machines=empty.plant.machines[:0],
         placed=rows,

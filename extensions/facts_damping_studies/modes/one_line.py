@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from facts_damping.devices.base import AtMachine, Series, Transmission
 from facts_damping.devices.table import KINDS
 from facts_damping.output.picture_files import save_picture
-from facts_damping.plant.converters.devices import losses_of
+from facts_damping.plant.converters.dispatch import losses_of
 from facts_damping.plant.grid.network import Topology, at_rest, branches, device_section
 from facts_damping.small_signal.bus_places import places
 

@@ -10,7 +10,7 @@ import numpy as np
 from facts_damping.devices.base import Parallel, Transmission
 from facts_damping.errors import InputError
 from facts_damping.numerics.phasors import magnitudes, over, polar, times
-from facts_damping.plant.converters.devices import consumed_power, losses_of
+from facts_damping.plant.converters.dispatch import consumed_power, losses_of
 from facts_damping.plant.grid import load as loads
 from facts_damping.plant.grid import network
 from facts_damping.plant.grid.sparse import DENSE, filled, joined, solve_network

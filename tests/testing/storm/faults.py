@@ -51,7 +51,7 @@ FAULTS = (
     Fault("a resumed run stays paused", "run_control",
           "was_paused, self._paused, self._steps = self._paused, False, 0",
           "was_paused, self._steps = self._paused, 0"),
-    Fault("the plant applies setpoints again", "plant_sim", "                batches.clear()\n", "                pass\n"),
+    Fault("the plant applies setpoints again", "plant_sim", "batches.clear()", "pass"),
     Fault("the recorder writes messages again", "recorder", "        self.received.clear()\n", ""),
     Fault("refusals are logged each time", "admission.refusals",
           "if (topic, cause, source) not in self._reported:", "if True:"),
