@@ -80,6 +80,46 @@ def test_command_ends_with_that_line(tmp_path: Path) -> None:
     assert re.fullmatch(r"facts-damping: entry point proportional = one:ROW .*\n", done.stderr)
 
 
+FIELDS = """
+from typing import Literal
+from pydantic import model_validator
+from facts_damping.parameters.plant.devices import Series
+class Mine(Series):
+    kind: Literal["mine"]
+    @model_validator(mode="after")
+    def _consistent(self):
+        return self
+"""
+KIND = """
+import numpy as np
+from facts_damping.plant.converters.devices import DeviceKind
+from facts_damping.plant.converters.site import Start
+def start(device, site):
+    return Start((site.offset,), [0.0], 0.0)
+ROW = DeviceKind(np.dtype([("offset", "i8")]), ["x"], start, None, None)
+"""
+USE = """
+from facts_damping.parameters.plant.system import Device
+from facts_damping.plant.converters.dispatch import CODES
+from facts_damping.devices.table import MODELS
+print(CODES["mine"])
+try:
+    MODELS["mine"](name="a", kind="mine", rs=0.1, xs=0.1)
+except ValueError as error:
+    print("needs either `line`, or `from` and `to`" in str(error))
+"""
+
+
+def test_device_of_an_extension_by_the_pages_of_before(tmp_path: Path) -> None:
+    """Two entry points, with imports and a validator as earlier pages show."""
+    groups = {f"facts_damping.{group}": {"mine": f"{group}:{name}"} for group, name in
+              (("devices", "Mine"), ("device_kinds", "ROW"))}  # fmt: skip
+    install(tmp_path, {"devices.py": FIELDS, "device_kinds.py": KIND}, groups)
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"}
+    done = subprocess.run([sys.executable, "-c", USE], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout == "8\nTrue\n"
+
+
 def test_names_of_extending_are_those_that_type_checkers_see() -> None:
     tree = ast.parse(Path(extending.__file__).read_text(encoding="utf-8"))
     (block,) = (node for node in tree.body if isinstance(node, ast.If))

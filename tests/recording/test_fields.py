@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -150,3 +151,30 @@ def slim(store: Any, value: Any) -> Any:
     if name is None:
         return value
     return store.types[name](**{field: slim(store, getattr(value, field)) for field in FIELDS[name]})
+
+
+# Schemas that rosbags accepts, too, as bytes of one message; what of it is read.
+HEAD, LINE = b"\x00\x01\x00\x00", f"\n{SEPARATOR}\nMSG: "
+SCHEMAS = {
+    "a time without its definition": ("uint64 tick\nbuiltin_interfaces/Time stamp\n", "<QiI", (7, 5, 6)),
+    "a type without fields": (
+        f"uint64 tick\nstd_msgs/Empty empty\nuint32 last{LINE}std_msgs/Empty\n",
+        "<QBxxxI",
+        (7, 0, 9),
+    ),
+}
+
+
+@pytest.mark.parametrize("schema", SCHEMAS)
+def test_schemas_with_built_in_and_empty_types_are_read(schema: str) -> None:
+    text, form, values = SCHEMAS[schema]
+    notes = list[str]()
+    (block,) = decode(TopicInfo("/t", "my/msg/X", text, "", ""), [HEAD + struct.pack(form, *values)], notes)
+    assert (block.message.tick[0], notes) == (7, [])
+    last = block.message.last if hasattr(block.message, "last") else block.message.stamp.nanosec
+    assert last[0] == values[-1]
+
+
+def test_schema_with_a_field_twice_is_refused() -> None:
+    with pytest.raises(RecordingError, match="my/msg/X: a field given twice; allowed: each once"):
+        decode(TopicInfo("/t", "my/msg/X", "uint64 tick\nuint64 tick\n", "", ""), [HEAD + bytes(16)], [])
