@@ -192,7 +192,7 @@ def test_of_an_entry_point_that_is_called_types_count_alone() -> None:
         ("facts_damping.plant.machines.governor", {"derivatives", "measure"}),
         ("facts_damping.link.chain", {"uplink", "downlink"}),
         ("facts_damping.neurofuzzy.consequent", {"forward", "by_inputs"}),
-        ("facts_damping.supervision.monitors", {"_process_frames", "_judge"}),
+        ("facts_damping.supervision.monitors", {"_process_frames", "_monitor"}),
     ],
 )
 def test_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]) -> None:

@@ -123,7 +123,7 @@ def test_graph_with_own_links_is_the_in_process_run_bit_for_bit(tmp_path: Path, 
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(
-    one=any_link("sssc"),
+    first=any_link("sssc"),
     other=any_link("statcom"),
     scheme=st.sampled_from([{}, {"name": "HBsWC", "scheme": "direct"}, {"name": "ANFTSC", "scheme": "indirect"}]),
     compensation=st.sampled_from(list(COMPENSATIONS)),

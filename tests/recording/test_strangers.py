@@ -282,14 +282,14 @@ def test_recording_whose_messages_all_come_twice_replays_exactly(
 def test_folder_that_is_removed_while_a_report_is_made_ends_the_command_in_a_line(
     sound: Path, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write = report.write
+    write = report.write_runs
     (place / "page").mkdir()
 
     def removing(*positional: Any) -> None:
         (place / "page").rmdir()
         write(*positional)
 
-    monkeypatch.setattr(report, "write", removing)
+    monkeypatch.setattr(report, "write_runs", removing)
     command = ["analyze", str(sound), "--report", "page/it.html", "--out", "out"]
     assert_one_line(2, command, "page/it.html: No such file or directory; allowed: a file in a folder", capsys)
     assert list(place.iterdir()) == []
