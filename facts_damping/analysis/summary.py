@@ -65,7 +65,7 @@ class LimitCycle(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class Oscillation:
     """Verdict, indices and modes of a run; without synchronism to its end only the verdict with its reason.
 
     `run`: its short form. `stable`: in synchronism to the end; None: unknown. `verdict_of`: what was judged
@@ -92,7 +92,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Summary(Outcome):
+class Summary(Oscillation):
     """Figures of a run; the fields are the keys of its JSON (docs/results_json.md).
 
     `roughness` is (5.34) over dt^2, `roughness_per_frame` without. `converged`, `step_change`: whether half the
@@ -180,12 +180,12 @@ def _run(record: Record) -> dict[str, Any]:
 
 def _outcome(
     record: Record, differences: Mapping[str, NDArray[np.float64]], method: str | None, twin: Twin | None
-) -> Outcome:
+) -> Oscillation:
     """Figures of the oscillation, most of which exist only for a run in synchronism to its end."""
     run, stable, lost = _run(record), is_stable(record), instability(record)
     if not stable:
         verdict, because = LOST if stable is False else UNDECIDED, lost or unknown(record)
-        return Outcome(run=run, stable=stable, instability=lost, verdict=verdict, verdict_because=because)
+        return Oscillation(run=run, stable=stable, instability=lost, verdict=verdict, verdict_because=because)
     swings = swings_of(record, twin, differences)
     t, last = record.time_s, swings.last
     fit, method = _fit(record, swings.judged[: swings.ringing], last, method)
@@ -200,7 +200,7 @@ def _outcome(
         fit, method = _fit(record, swings.own, last, method)
     judgement = judged.judgement
     cycle = LimitCycle(judgement.amplitude_pu, saturation_duty(record, judgement.start_s))
-    return Outcome(
+    return Oscillation(
         run=run,
         stable=stable,
         instability=lost,

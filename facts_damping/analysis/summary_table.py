@@ -22,7 +22,7 @@ WORDS = {True: "yes", False: "no", None: "-"}
 Rows = list[tuple[str, list[str]]]  # label, and a text for each run
 
 
-class Row(NamedTuple):
+class FigureRow(NamedTuple):
     """A row of the table: label, value of a summary, its format, and its name in `Summary.step_change`."""
 
     label: str
@@ -36,20 +36,20 @@ def _index(name: str, summary: Summary) -> float | None:
 
 
 ROWS = (
-    Row("in synchronism", lambda s: s.stable),
-    Row("ended by", lambda s: s.instability),
-    Row("verdict", lambda s: s.verdict),
-    Row("growth [1/s]", lambda s: s.growth_per_s, ".4f"),
-    Row("duration [s]", lambda s: s.duration_s, ".2f"),
-    *(Row(name, partial(_index, name), ".4g", name) for name in INDICES),
-    Row("settling time [s]", lambda s: s.settling_time_s, ".2f", "settling_time_s"),
-    Row("max injected voltage [p.u.]", lambda s: s.max_injected_voltage_pu, ".4f", "max_injected_voltage_pu"),
-    Row("roughness [p.u./s²]", lambda s: s.roughness, ".4g", "roughness"),
-    Row("strongest mode [Hz]", lambda s: s.modes[0].frequency_hz if s.modes else None, ".3f"),
-    Row("  its damping ratio", lambda s: s.modes[0].damping_ratio if s.modes else None, ".4f"),
-    Row("latency, mean [ms]", lambda s: s.latency_ms.mean, ".2f"),
-    Row("latency, 99 % [ms]", lambda s: s.latency_ms.p99, ".2f"),
-    Row("frames lost", lambda s: s.frames_lost, "d"),
+    FigureRow("in synchronism", lambda s: s.stable),
+    FigureRow("ended by", lambda s: s.instability),
+    FigureRow("verdict", lambda s: s.verdict),
+    FigureRow("growth [1/s]", lambda s: s.growth_per_s, ".4f"),
+    FigureRow("duration [s]", lambda s: s.duration_s, ".2f"),
+    *(FigureRow(name, partial(_index, name), ".4g", name) for name in INDICES),
+    FigureRow("settling time [s]", lambda s: s.settling_time_s, ".2f", "settling_time_s"),
+    FigureRow("max injected voltage [p.u.]", lambda s: s.max_injected_voltage_pu, ".4f", "max_injected_voltage_pu"),
+    FigureRow("roughness [p.u./s²]", lambda s: s.roughness, ".4g", "roughness"),
+    FigureRow("strongest mode [Hz]", lambda s: s.modes[0].frequency_hz if s.modes else None, ".3f"),
+    FigureRow("  its damping ratio", lambda s: s.modes[0].damping_ratio if s.modes else None, ".4f"),
+    FigureRow("latency, mean [ms]", lambda s: s.latency_ms.mean, ".2f"),
+    FigureRow("latency, 99 % [ms]", lambda s: s.latency_ms.p99, ".2f"),
+    FigureRow("frames lost", lambda s: s.frames_lost, "d"),
 )
 
 
@@ -104,7 +104,7 @@ def supervision_rows(each: Sequence[Sequence[SupervisorHistory]]) -> Rows:
     return rows
 
 
-def row_text(summary: Summary, row: Row) -> str:
+def row_text(summary: Summary, row: FigureRow) -> str:
     """A figure of the table; if the step was halved, with only the digits that hold."""
     value, change = row.value(summary), (summary.step_change or {}).get(row.name)
     if change is None or not isinstance(value, float):

@@ -73,7 +73,7 @@ class StateChange(NamedTuple):
     unit: str | None = None
 
 
-class Probe(NamedTuple):
+class ProbeResult(NamedTuple):
     """What a probe measured, of the device whose response is known least; None: unknown."""
 
     gain: float | None  # response relative to the model's
@@ -94,7 +94,7 @@ class SupervisorHistory(NamedTuple):
     changes: list[StateChange]
     trips: int
     refusals: list[Refusal]
-    probe: Probe | None  # the newest
+    probe: ProbeResult | None  # the newest
 
 
 def supervised(record: Record) -> dict[str, NDArray[Any]]:
@@ -212,7 +212,7 @@ def _bound(record: Record, row: Any, cause: int) -> Bound | None:
     return bound if beyond and math.isfinite(bound.value) else None
 
 
-def _probe(statuses: NDArray[Any], mode_hz: float | None) -> Probe | None:
+def _probe(statuses: NDArray[Any], mode_hz: float | None) -> ProbeResult | None:
     """The newest known probe, of the device whose response is known least."""
     known = statuses[np.isfinite(statuses["probe_gain"])]
     if not len(known):
@@ -228,7 +228,7 @@ def _probe(statuses: NDArray[Any], mode_hz: float | None) -> Probe | None:
         delay,
         row["gain_margin"],
     )
-    return Probe(*(float(value) if math.isfinite(value) else None for value in figures))
+    return ProbeResult(*(float(value) if math.isfinite(value) else None for value in figures))
 
 
 def history_text(history: SupervisorHistory) -> str:
@@ -268,7 +268,7 @@ def cause_text(change: StateChange | Refusal) -> str:
     return f"{cause} {value:.3g}{unit}, the limit"
 
 
-def probe_text(probe: Probe | None) -> str:
+def probe_text(probe: ProbeResult | None) -> str:
     """Text of a probe."""
     if probe is None:
         return "-"

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping import findings
 from facts_damping.analysis import summary as figures
-from facts_damping.analysis.summary import Summary, as_json
 from facts_damping.api.cases import case_of, short_traceback
 from facts_damping.case.names import asked_label
 from facts_damping.digest import digest
@@ -39,13 +38,13 @@ class Result(Record):
         return asked_label(self.asked) if self.configuration else "recording"
 
     @cached_property
-    def _summary(self) -> Summary:
+    def _summary(self) -> figures.Summary:
         return figures.summarise(self, twin=twin_of(self))
 
     @cached_property
     def summary(self) -> dict[str, Any]:
         """The figures of the run, as JSON has them (docs/results_json.md)."""
-        return as_json(self._summary)
+        return figures.as_json(self._summary)
 
     @property
     def indices(self) -> dict[str, float] | None:

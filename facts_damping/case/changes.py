@@ -8,9 +8,10 @@ from json import dumps
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.links import open_own
+from facts_damping.case.named_files import checked, read_source
 from facts_damping.errors import InputError
 from facts_damping.parameters.events import Scenario
-from facts_damping.parameters.field_errors import check, short
+from facts_damping.parameters.field_errors import short
 from facts_damping.parameters.files import each_path, find, read_table, set_field, shipped
 from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Controller, Run
@@ -92,8 +93,7 @@ def _open_name(content: dict[str, Any], key: str) -> None:
 
 def read_profile(name: str) -> Profile:
     """A profile by name or path."""
-    path = find("profiles", name)
-    return check(Profile, read_table(path), str(path))
+    return checked(Profile, read_source("profiles", name, PROFILE))
 
 
 def apply_profile(content: dict[str, Any], source: Any, where: str, fixed: Collection[str] = ()) -> None:

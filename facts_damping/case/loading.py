@@ -46,8 +46,8 @@ def load_system(name: str, sets: list[str] | None = None, scenario: str | None =
     """A system by name or path, with `--set`, a scenario's dispatch and the devices applied."""
     system = read_system(name, sets)
     if scenario is not None:
-        file = find("scenarios", scenario, f"{system.name}/")
-        system = _dispatched(system, check(Scenario, read_table(file), str(file)), str(file))
+        source = read_source("scenarios", scenario, "scenario", f"{system.name}/")
+        system = _dispatched(system, checked(Scenario, source), source.file)
     return place(system)
 
 

@@ -137,7 +137,7 @@ def write_page(path: Path, named: Named, results: Sequence[RunResult], baseline:
 
 def step_times_report(took: Mapping[str, StepTimes]) -> tuple[dict[str, Any], list[str]]:
     """Durations of programs' steps, for JSON and as lines; empty if there are none."""
-    times = {"step_times": {name: times._asdict() for name, times in took.items()}} if took else {}
+    times = {"step_times": dict(took)} if took else {}
     return times, [f"{name}: {times}" for name, times in took.items()]
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from facts_damping.recording.bagfile import TopicInfo
 
-NO_FIELDS = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))]  # of a type without any
+NO_FIELDS: Any = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))]  # of a type without any
 
 
 class Series(NamedTuple):
@@ -63,10 +63,7 @@ def _definitions(message_type: str, schema: str) -> Typesdict:
         names = [field for field, _ in fields]
         if len(set(names)) < len(names):
             raise RecordingError(f"schema of {message_type}: {name}: a field given twice; allowed: each once")
-        definitions[name] = (
-            constants,
-            fields or [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))],
-        )
+        definitions[name] = constants, fields or NO_FIELDS
     return {**get_typestore(Stores.EMPTY).fielddefs, **definitions}
 
 

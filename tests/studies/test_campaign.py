@@ -16,7 +16,7 @@ from facts_damping.parameters.files import shipped
 from facts_damping.simulation import loop
 from facts_damping_studies.campaigns import campaign, campaign_tables, invariants
 from facts_damping_studies.campaigns.actions import Actions
-from facts_damping_studies.campaigns.draw_rows import DrawnFault, DrawRow, Judgement
+from facts_damping_studies.campaigns.draw_rows import DrawnFault, DrawRow, Intervention
 from facts_damping_studies.campaigns.faults import FAULTS, ONLY_REAL
 from facts_damping_studies.campaigns.invariants import Effect
 from facts_damping_studies.campaigns.parameters import Campaign
@@ -123,7 +123,7 @@ def test_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatch: 
 def drawn_row(itae: float | None = 1.0, fault: str = "none", lasts: str = "", **actions: Any) -> DrawRow:
     """A row of a campaign: nothing fails, and the controller stays armed."""
     did = Actions(armed_s=0.5)._replace(**actions)
-    judgement = Judgement(did, Effect(ITAE=itae, does_no_harm=True), released=False, alone={})
+    judgement = Intervention(did, Effect(ITAE=itae, does_no_harm=True), released=False, alone={})
     drawn = DrawnFault("smib", fault, "none", wrong=False, start_s=1.0, labels={"lasts": lasts})
     free = Effect(ITAE=1.0).controlled
     return DrawRow(0, error=None, drawn=drawn, judgement=judgement, unsupervised=free)

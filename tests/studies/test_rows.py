@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from facts_damping_studies.campaigns.actions import Actions
-from facts_damping_studies.campaigns.draw_rows import DrawnFault, DrawRow, GraphRun, GraphStart, Judgement, Law
+from facts_damping_studies.campaigns.draw_rows import DrawnFault, DrawRow, GraphRun, GraphStart, Intervention, Law
 from facts_damping_studies.campaigns.hunt_rows import HuntRow, read_hunt
 from facts_damping_studies.campaigns.invariants import Effect
 from facts_damping_studies.sweeps.sweep_rows import HalfStep, Interarea, SweepRow, figure_names
@@ -30,7 +30,7 @@ CHECKED = replace(
 DRAWN = DrawnFault("smib", "lost", "path", wrong=False, start_s=1.0, labels={"mode": "a", "link": "b", "lasts": ""})
 UNMADE = DrawRow(3, error="no draw")
 DRAW = replace(UNMADE, error=None, drawn=DRAWN, law=Law("LLC", None), horizon_s=3.0)
-JUDGED = replace(DRAW, judgement=Judgement(Actions(), Effect(lost_s=2.0), released=True, alone={"lets_go": False}))
+JUDGED = replace(DRAW, judgement=Intervention(Actions(), Effect(lost_s=2.0), released=True, alone={"lets_go": False}))
 RAN = GraphRun(None, None, 1.0, 0, [], 0, 0, [], {"recorded": True, "as_computed": None})
 GRAPH = replace(JUDGED, graph=True, horizon_s=None, graph_start=GraphStart("lockstep", ""), graph_run=RAN)
 HUNTED = HuntRow("hunted", 4, [0.1, 0.2], None, {"lets_go": None}, "what", DRAWN, took_s=0.1, at_s=0.0)

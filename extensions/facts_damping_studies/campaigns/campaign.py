@@ -23,7 +23,7 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping.version import __version__
 from facts_damping_studies.campaigns import actions, invariants
-from facts_damping_studies.campaigns.draw_rows import DrawnFault, DrawRow, Judgement, Law
+from facts_damping_studies.campaigns.draw_rows import DrawnFault, DrawRow, Intervention, Law
 from facts_damping_studies.campaigns.faults import FAULTS, NOTHING, ONLY_REAL, Chance
 from facts_damping_studies.campaigns.parameters import Campaign
 from facts_damping_studies.sweeps.journal import Journal
@@ -258,13 +258,13 @@ def law_of(case: Case) -> Law:
     return Law(case.controllers[0].name, case.controllers[0].scheme)
 
 
-def judged(case: Case, record: Record, reference: Record, sample: Draw, late: int = 0) -> Judgement:
+def judged(case: Case, record: Record, reference: Record, sample: Draw, late: int = 0) -> Intervention:
     """Actions of the supervisor, invariants, and figures relative to no control.
 
     `late`: largest number of ticks by which setpoints acted too late (`invariants.late_ticks`).
     """
     did, effect = actions.doings(record, sample.start), invariants.beside(record, reference)
-    return Judgement(did, effect, bool(record.devices["released"].any()), invariants.alone(case, record, late))
+    return Intervention(did, effect, bool(record.devices["released"].any()), invariants.alone(case, record, late))
 
 
 def uncontrolled(campaign_plan: CampaignPlan, sample: Draw) -> Record:

@@ -56,7 +56,7 @@ class GraphRun(NamedTuple):
     conditions: dict[str, bool | None]  # whether each of OF_GRAPHS holds; None: not applicable
 
 
-class Judgement(NamedTuple):
+class Intervention(NamedTuple):
     """What a supervisor did, and what that did to the grid."""
 
     actions: Actions
@@ -67,7 +67,7 @@ class Judgement(NamedTuple):
 
 NOTHING_DRAWN = DrawnFault("", "", "", wrong=False, start_s=0.0, labels={})
 NO_LAW = Law("", None)
-NOT_JUDGED = Judgement(Actions(), Effect(), released=False, alone={})
+NOT_JUDGED = Intervention(Actions(), Effect(), released=False, alone={})
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class DrawRow(Row):
     law: Law = NO_LAW
     horizon_s: float | None = None  # None: a graph, whose duration is the campaign's
     graph_start: GraphStart | None = None
-    judgement: Judgement = NOT_JUDGED
+    judgement: Intervention = NOT_JUDGED
     graph_run: GraphRun | None = None
     unsupervised: EffectAlone | None = field(default=None, metadata={"prefix": "unsupervised_"})  # None: not asked for
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 STRONG = 0.1  # of the amplitude of the largest mode; weaker modes do not count for `damping`
 
 
-class Judged(NamedTuple):
+class CriterionFigures(NamedTuple):
     """What criteria need to know of a run; None: not asked for, or not defined."""
 
     verdict: str
@@ -34,19 +34,19 @@ class Criterion(NamedTuple):
 
     words: str
     holds: str
-    fails: Callable[[Judged, float], bool]
+    fails: Callable[[CriterionFigures, float], bool]
 
 
-def _damped_too_little(run: Judged, ratio: float) -> bool:
+def _damped_too_little(run: CriterionFigures, ratio: float) -> bool:
     lowest = run.lowest_damping_ratio
     return run.verdict in (LOST, GROWING, LIMIT_CYCLE) or (lowest is not None and lowest < ratio)
 
 
-def _worse(run: Judged, _: float) -> bool:
+def _worse(run: CriterionFigures, _: float) -> bool:
     return run.verdict == LOST or (run.ITAE_ratio is not None and run.ITAE_ratio > 1.0)
 
 
-def _grows(run: Judged, _: float) -> bool:
+def _grows(run: CriterionFigures, _: float) -> bool:
     return run.linear_growth_per_s is not None and run.linear_growth_per_s > STILL
 
 
@@ -59,7 +59,7 @@ CRITERIA = {
 }
 
 
-def fails(criterion: str, run: Judged, ratio: float = DAMPING_RATIO) -> bool:
+def fails(criterion: str, run: CriterionFigures, ratio: float = DAMPING_RATIO) -> bool:
     """Whether a run fails a criterion."""
     return CRITERIA[criterion].fails(run, ratio)
 

@@ -18,7 +18,7 @@ from facts_damping.parameters.study import Margin
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of, with_pulse
 from facts_damping_studies.margins import margins
-from facts_damping_studies.margins.criteria import Judged, fails, lowest_damping_ratio
+from facts_damping_studies.margins.criteria import CriterionFigures, fails, lowest_damping_ratio
 from facts_damping_studies.margins.linear_closed_loop import with_delay
 
 if TYPE_CHECKING:
@@ -104,16 +104,16 @@ def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
     twin = twin_of(record)
     swings, holds_by_criterion = swings_of(record, twin), dict[tuple[str, float], bool]()
     for horizon in HORIZONS:
-        run = _judged(record, twin, shortened(swings, horizon)) if lost >= horizon else Judged(LOST)
+        run = _judged(record, twin, shortened(swings, horizon)) if lost >= horizon else CriterionFigures(LOST)
         holds_by_criterion |= {(criterion, horizon): not fails(criterion, run) for criterion in CRITERIA}
     return holds_by_criterion
 
 
-def _judged(record: Record, twin: Twin | None, swings: Swings) -> Judged:
+def _judged(record: Record, twin: Twin | None, swings: Swings) -> CriterionFigures:
     """What the criteria need of a run."""
     fit = fit_ringdown(swings.time_s[: swings.ringing], swings.judged[: swings.ringing], swings.last)
     verdict = judge_run(record, twin, swings, lambda: fit).judgement.verdict
-    return Judged(verdict, lowest_damping_ratio(fit.modes if fit else []))
+    return CriterionFigures(verdict, lowest_damping_ratio(fit.modes if fit else []))
 
 
 def holding(case: Case, longest: float, looked: Callable[[], None]) -> list[Holds]:

@@ -116,7 +116,7 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, SweepRow]:
 
 
 def criterion_figures(case: Case, record: Record, summary: Summary, wanted: Sequence[str]) -> dict[str, float | None]:
-    """Fields of `Judged` that the criteria of a margin need."""
+    """Fields of `CriterionFigures` that the criteria of a margin need."""
     judged: dict[str, float | None] = {}
     if "damping" in wanted:
         judged["lowest_damping_ratio"] = criteria.lowest_damping_ratio(summary.modes)

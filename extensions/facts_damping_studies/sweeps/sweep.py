@@ -20,7 +20,7 @@ from facts_damping.parameters.study import Study
 from facts_damping.simulation.programs.user_code import source_hash
 from facts_damping.version import __version__
 from facts_damping_studies.margins import margins
-from facts_damping_studies.margins.criteria import Judged, fails
+from facts_damping_studies.margins.criteria import CriterionFigures, fails
 from facts_damping_studies.sweeps import axes, true_jacobian
 from facts_damping_studies.sweeps.batch import Base, RunRequest, make, one_run
 from facts_damping_studies.sweeps.enumerated_axes import expand_axis
@@ -241,7 +241,7 @@ def found_margins(sweep_plan: SweepPlan, point_states: Sequence[PointState]) -> 
 
 def differ(group_rows: Sequence[SweepRow], criterion: str) -> list[bool] | None:
     """For each run, whether halving the integration step changes failure; None if not checked."""
-    finer = [Judged(row.half_step.verdict_half_step) for row in group_rows if row.half_step is not None]
+    finer = [CriterionFigures(row.half_step.verdict_half_step) for row in group_rows if row.half_step is not None]
     if len(finer) < len(group_rows) or criterion not in ALWAYS:
         return None
     return [fails(criterion, row.judged) != fails(criterion, half) for row, half in zip(group_rows, finer, strict=True)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from facts_damping.analysis.indices import INDICES
-from facts_damping_studies.margins.criteria import Judged
+from facts_damping_studies.margins.criteria import CriterionFigures
 from facts_damping_studies.margins.margins import FailedFraction, OverSeeds  # noqa: TC001 (read by `Row`)
 from facts_damping_studies.rows import Row
 
@@ -70,7 +70,7 @@ class SweepRow(Row):
     figures: RunFigures | None = None  # None: the run failed
     half_step: HalfStep | None = None  # None: not checked
     interarea: Interarea | None = None  # None: modes were not asked for
-    # What the study asks for: fields of `Judged` that its criteria need, and figures by `true_jacobian.names`.
+    # What the study asks for: those of `CriterionFigures` that its criteria need, and figures by `true_jacobian.names`.
     asked: dict[str, float | None] = field(default_factory=dict)
     error: str | None = field(kw_only=True)  # why the run, or one of its figures, failed
 
@@ -90,10 +90,12 @@ class SweepRow(Row):
         return self.half_step is not None and self.half_step.converged is False
 
     @property
-    def judged(self) -> Judged:
+    def judged(self) -> CriterionFigures:
         """What criteria need; of a run that was possible."""
         verdict = "" if self.figures is None else self.figures.verdict
-        return Judged(verdict, **{name: self.asked[name] for name in Judged._fields[1:] if name in self.asked})
+        return CriterionFigures(
+            verdict, **{name: self.asked[name] for name in CriterionFigures._fields[1:] if name in self.asked}
+        )
 
 
 @dataclass(frozen=True)
