@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -136,7 +137,7 @@ class Recorder:
     def ready(self) -> None:
         """Open the recording."""
         self.member.log_started()
-        endless = {"duration": None} if self.options.free and self.case.run.duration is None else {}
+        endless = {"duration": None} if self.options.ticks(self.case) == sys.maxsize else {}
         self.writer = RecordingWriter(self.folder, dump(self.case.document() | endless), versions("mcap", "rclpy"))
         for name, kind in self.topics.items():
             self.writer.add_topic(name, kind)

@@ -20,20 +20,18 @@ from facts_damping.extras import library
 from facts_damping.output.writing import finite
 from facts_damping_views.cockpit import controls as of_controls
 from facts_damping_views.cockpit.access import EXTRA, POLICY, REPORT_POLICY, RequestFilter, new_token
+from facts_damping_views.cockpit.clients import Client, History
 from facts_damping_views.cockpit.reports import Reports, while_there
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Mapping
 
-    from facts_damping_views.cockpit.controls import Control, Request, Values
+    from facts_damping_views.cockpit.controls import Control, Move, Request, Values
 
     Answer = Callable[[bool, str], None]
 
 HOST, PORT = "127.0.0.1", 8766
 STATIC = Path(__file__).with_name("static")
-
-
-QUEUE = 256  # messages other than frames that wait for a client
 
 
 KEPT = 200  # events that a new client gets
@@ -60,38 +58,6 @@ class Content(NamedTuple):
     recordings: Mapping[str, str] = MappingProxyType({})
 
 
-class Client:
-    """A connected page: its waiting messages, and counts of what it did not get."""
-
-    def __init__(self) -> None:
-        self.frame: bytes | None = None
-        self.texts: deque[str] = deque(maxlen=QUEUE)
-        self.there = asyncio.Event()
-        self.frames_left_out = self.texts_left_out = self.pending = 0
-
-    def put_frame(self, data: bytes) -> None:
-        """Keep a frame, in place of one that waits."""
-        self.frames_left_out += self.frame is not None
-        self.frame = data
-        self.there.set()
-
-    def put_text(self, text: str) -> None:
-        """Queue a message; if there is no room, the oldest is dropped."""
-        self.texts_left_out += len(self.texts) == QUEUE
-        self.texts.append(text)
-        self.there.set()
-
-    async def next(self) -> str | bytes:
-        """The next message: texts in order, then the frame."""
-        while not self.texts and self.frame is None:
-            self.there.clear()
-            await self.there.wait()
-        if self.texts:
-            return self.texts.popleft()
-        frame, self.frame = self.frame, None
-        return frame or b""
-
-
 class Cockpit:
     """All clients, controls and their values. Methods are called in the server's event loop, `app` serves."""
 
@@ -111,6 +77,9 @@ class Cockpit:
         counted = ("clients", "frames_left_out", "texts_left_out", "messages_refused", "requests_refused")
         self.counts = dict.fromkeys(counted, 0)
         self._events: deque[str] = deque(maxlen=KEPT)
+        self._history = History()
+        self._running = asyncio.Event()
+        self._presets: dict[str, asyncio.Task[None]] = {}  # under way, by control that they move
         self._status: dict[str, Any] = {}
         self._reports = Reports()
         self.app = self._made()
@@ -134,8 +103,19 @@ class Cockpit:
 
     # What the run tells.
 
+    def begin(self, content: Content) -> None:
+        """Show a run that begins again, to all clients."""
+        self.content, self.values = content, {}
+        self._events.clear()
+        self._history.clear()
+        self._end_presets()
+        for client in self.clients:
+            client.frame = None
+            client.put_text(self._layout())
+
     def frame(self, data: bytes) -> None:
         """Give all clients the newest values."""
+        self._history.append(data)
         for client in self.clients:
             client.put_frame(data)
 
@@ -148,6 +128,7 @@ class Cockpit:
     def status(self, message: Mapping[str, Any]) -> None:
         """Give all clients the state of the run, with the counts of this server."""
         self._status = {"type": "status", **message}
+        self._running.set() if message.get("run") == "running" else self._running.clear()
         self._tell(self._status_text())
 
     def _status_text(self) -> str:
@@ -155,7 +136,8 @@ class Cockpit:
         for name in ("frames_left_out", "texts_left_out"):
             counts[name] += sum(getattr(client, name) for client in self.clients)
         values = {f"{name} {channel}".strip(): value for (name, channel), value in self.values.items()}
-        cut = [name.split("/", 1)[1].removesuffix("/cut") for (name, _), on in self.values.items() if on is True]
+        cuts = [name for (name, _), on in self.values.items() if on is True and name.endswith("/cut")]
+        cut = [name.split("/", 1)[1].removesuffix("/cut") for name in cuts]
         return json.dumps(finite({**self._status, "counts": counts, "values": values, "cut": cut}))
 
     def _tell(self, text: str) -> None:
@@ -172,6 +154,7 @@ class Cockpit:
             number = message["id"]
             control = self._control(message["control"], client.pending)
             channel, value = of_controls.checked(control, message.get("value"))
+            self._end_presets(control.id)
         except InputError as error:
             self.counts["messages_refused"] += 1
             self._answer(client, number, success=False, message=one_line(error))
@@ -186,6 +169,21 @@ class Cockpit:
             raise InputError(f"{PENDING} requests wait for their answers; allowed: one more after an answer")
         return self.controls[name]
 
+    def _end_presets(self, control: str = "") -> None:
+        """End the preset that moves a control; empty: all."""
+        for name in [control] if control else list(self._presets):
+            if (task := self._presets.pop(name, None)) is not None:
+                task.cancel()
+
+    async def _play(self, client: Client, moves: list[Move]) -> None:
+        """Give controls values one after the other, while the run goes on."""
+        for move in moves:
+            await asyncio.sleep(move.wait_s)
+            await self._running.wait()
+            control = self.controls[move.control]
+            channel, value = of_controls.checked(control, move.value)
+            self._carry_out(client, None, control, channel, value)
+
     def _carry_out(self, client: Client, number: Any, control: Control, channel: str, value: Any) -> None:
         place, before = (control.id, channel), dict(self.values)
         if control.keeps:
@@ -194,6 +192,13 @@ class Cockpit:
         if request.kind == of_controls.REPORT:
             there = bool(self.content.recordings)
             self._answer(client, number, success=there, message="/report" if there else "no recording is known")
+            return
+        if request.kind == of_controls.PRESET:
+            moves = request.content
+            for name in {move.control for move in moves}:
+                self._end_presets(name)
+                self._presets[name] = asyncio.ensure_future(self._play(client, moves))
+            self._answer(client, number, success=True, message="begins" if moves else "it is at its end")
             return
         client.pending += 1
 
@@ -209,6 +214,8 @@ class Cockpit:
             self._ask(request, answered)
 
     def _answer(self, client: Client, number: Any, *, success: bool, message: str) -> None:
+        if number is None and success:  # of a preset
+            return
         client.put_text(json.dumps({"type": "answer", "id": number, "success": success, "message": message}))
 
     def _layout(self) -> str:
@@ -230,6 +237,8 @@ class Cockpit:
         await websocket.accept()
         client = Client()
         client.put_text(self._layout())
+        if self._history:
+            client.put_text(b"".join(self._history))
         for text in self._events:
             client.put_text(text)
         if self._status:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from facts_damping.case import names
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, check_known
+from facts_damping.parameters.supervision import watches
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping_views.cockpit.layout import PLANT
 
@@ -21,21 +22,35 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
 
-TRIGGER, APPLY, STEP, LINE, REPORT = "trigger", "apply", "step", "line", "report"  # kinds of requests
+TRIGGER, APPLY, STEP, PARAMETER = "trigger", "apply", "step", "parameter"  # kinds of requests: services of nodes,
+LINE, REPORT, PRESET = "line", "report", "preset"  # and others
+AGAIN, EVENT = "again", "event"  # lines for the program that runs the graph; the second begins so
 ALL = "all"  # choice of a channel: all PMUs of the link
 
 Values = dict[tuple[str, str], Any]  # what sliders and toggles stand at, by control and channel
 
 
 class Request(NamedTuple):
-    """A call of a service of a node, `kind` TRIGGER, APPLY or STEP; or a LINE for the launcher; or a REPORT.
+    """A call of a service of a node, `kind` TRIGGER, APPLY, STEP or PARAMETER; a LINE for the launcher; a REPORT.
 
-    `content`: the change as text, the number of ticks, or the line.
+    Or a PRESET, which gives values to other controls one after the other. `content`: the change as text, the number of
+    ticks, name and value of the parameter, the line, or the moves of the preset (`Move`).
     """
 
     kind: str
     service: str = ""
     content: Any = ""
+
+
+START_AGAIN = Request(LINE, "", AGAIN)
+
+
+class Move(NamedTuple):
+    """A value that a preset gives to another control, some seconds after the one before."""
+
+    wait_s: float
+    control: str
+    value: Any
 
 
 class Control(NamedTuple):
@@ -56,23 +71,30 @@ SLIDERS = {  # of a link: label, unit, largest value, step
     "jitter": ("added jitter", "ms", 200.0, 5.0),
     "loss": ("loss", "%", 100.0, 1.0),
 }
+GROWTH = (10.0, 400.0, 0.5)  # of the delay that a preset adds: step and end, ms; wall time between two steps, s
+SIGN = "preset/sign"  # the toggle of the wrong sign
 COMMANDS = ("arm", "disarm", "reset", "probe")  # of a supervisor
 
 
-def controls(case: Case, *, launched: bool = False, paced: bool = True) -> dict[str, Control]:
-    """Controls of a case by id. `launched`: the program that runs the graph reads lines; `paced`: by the clock."""
+def controls(case: Case, *, launched: bool = False, paced: bool = True, again: bool = False) -> dict[str, Control]:
+    """Controls of a case by id. `paced`: by the clock.
+
+    `launched`: the program that runs the graph reads lines; `again`: and starts it again.
+    """
     all_controls = [
+        *_presets(case),
         *_link(case),
         *_grid(case),
         *_supervisors(case),
         *_nodes(case, launched=launched and paced),
-        *_run(),
+        *_run(again=again),
     ]
     return {control.id: control for control in all_controls}
 
 
 def _shown(name: str, label: str, kind: str, **more: Any) -> dict[str, Any]:
     usual: dict[str, Any] = {"unit": "", "low": None, "high": None, "step": None, "value": None, "fields": []}
+    usual["hint"] = ""  # what to know before it is used
     return {"id": name, "group": name.partition("/")[0], "label": label, "kind": kind, **usual, **more}
 
 
@@ -84,6 +106,51 @@ def _number(name: str, unit: str, low: float, high: float, value: float) -> dict
     return {"name": name, "kind": "number", "low": low, "high": high, "value": value, "unit": unit}
 
 
+def _presets(case: Case) -> list[Control]:
+    """What one wants to see first, of the first link and controller: ordinary changes, each as if made by hand."""
+    here = f"link/{names.link_addresses(case)[0]}"
+
+    def grow(_: Any, values: Values) -> Request:
+        step, end, wait_s = GROWTH
+        begin = float(values.get((f"{here}/delay", ALL), 0.0))
+        steps = range(1, 1 + max(0, math.ceil((end - begin) / step)))
+        return Request(PRESET, "", [Move(wait_s, f"{here}/delay", min(end, begin + k * step)) for k in steps])
+
+    fail = Request(PRESET, "", [Move(0.0, f"{here}/cut", True)])
+    presets = [
+        Control(_shown("preset/delay", "a delay that grows", "button"), grow),
+        Control(_shown("preset/cut", "a link that fails", "button"), lambda _, __: fail),
+    ]
+    if case.controllers:
+        shown = _shown(SIGN, "a controller with the wrong sign", "toggle", value=False)
+        presets.append(Control(shown, partial(_wrong_sign, case), keeps=True))
+    return presets
+
+
+def _has_gain(case: Case) -> bool:
+    """Whether the first controller has a gain that can be changed during a run."""
+    parameter = kind_of(case.controllers[0]).parameters.get("gain")
+    return parameter is not None and parameter.live
+
+
+def _wrong_sign(case: Case, wrong: Any, values: Values) -> Request:
+    """The gain of the first controller, or if it has none its setpoints on their way, with the other sign."""
+    if not _has_gain(case):
+        return _linked(case, case.used_links[0], wrong, values)
+    gain: Any = case.controllers[0].parameters["gain"]
+    sign = -1.0 if wrong else 1.0
+    value = [sign * one for one in gain] if isinstance(gain, list) else sign * gain
+    return Request(PARAMETER, f"{names.controller_addresses(case)[0]}/set_parameters", ("gain", value))
+
+
+def _jump_hint(case: Case) -> str:
+    """What a jump of the delay does, if a supervisor waits for frames."""
+    watch = None if case.supervision is None else watches(case.supervision)["missing"]
+    if watch is None or not watch.follows:
+        return ""
+    return f"a jump over {1e3 * watch.limit:.0f} ms leaves a gap: the supervisor trips by missing"
+
+
 def _link(case: Case) -> list[Control]:
     link_controls = []
     for i, address in enumerate(names.link_addresses(case)):
@@ -91,7 +158,8 @@ def _link(case: Case) -> list[Control]:
         request = partial(_linked, case, i)
         for name, (label, unit, high, step) in SLIDERS.items():
             more: dict[str, Any] = {"unit": unit, "low": 0.0, "high": high, "step": step, "value": 0.0}
-            shown = _shown(f"link/{address}/{name}", f"{address}: {label}", "slider", **more, fields=[channel])
+            more |= {"fields": [channel], "hint": _jump_hint(case) if name == "delay" else ""}
+            shown = _shown(f"link/{address}/{name}", f"{address}: {label}", "slider", **more)
             link_controls.append(Control(shown, request, keeps=True))
         shown = _shown(f"link/{address}/cut", f"{address}: cut", "toggle", value=False)
         link_controls.append(Control(shown, request, keeps=True))
@@ -116,6 +184,8 @@ def _linked(case: Case, link: int, _: Any, values: Values) -> Request:
         way = "down" if channel in case.run.devices else "up"
         on = {} if channel in (ALL, "") else {"channels": [channel]}
         content[way] += [{"stage": "network", **stage, **on} for stage in added]
+    if values.get((SIGN, "")) and link == case.used_links[0] and not _has_gain(case):
+        content["down"].append({"stage": "network", "model": "scale", "factor": -1.0})
     if values.get((f"{here}cut", "")):
         for way in ("up", "down"):
             content[way].append({"stage": "network", "model": "bernoulli", "loss": 1.0})
@@ -203,13 +273,14 @@ def _nodes(case: Case, *, launched: bool) -> list[Control]:
     return node_controls
 
 
-def _run() -> list[Control]:
+def _run(*, again: bool) -> list[Control]:
+    start = [Control(_shown("run/again", "again", "button"), lambda _, __: START_AGAIN)] if again else []
     run_controls = [
         _button(f"run/{what}", what, Request(TRIGGER, f"{PLANT}/{what}")) for what in ("pause", "resume", "reset")
     ]
     step = _shown("run/step", "step", "form", fields=[_number("ticks", "ticks", 1, 6000, 1)])
     run_controls.append(Control(step, lambda value, _: Request(STEP, f"{PLANT}/step", round(value["ticks"]))))
-    return [*run_controls, _button("run/report", "report of what is recorded so far", Request(REPORT))]
+    return [*start, *run_controls, _button("run/report", "report of what is recorded so far", Request(REPORT))]
 
 
 def checked(control: Control, value: Any) -> tuple[str, Any]:

@@ -24,6 +24,17 @@ REPORT_BYTES = 100_000_000  # longest report
 Report = tuple[bytes | None, str]  # the page, or why there is none
 
 
+def folder_of(folder: Path, number: int) -> Path:
+    """Folder of a run that starts again and again: `number` counts from 1."""
+    return folder if number == 1 else folder / f"run_{number}"
+
+
+def recording(first: str, number: int) -> str:
+    """Recording of a run that starts again and again; `first`: that of the first time."""
+    path = Path(first)
+    return str(folder_of(path.parent, number) / path.name)
+
+
 class Reports:
     """Computes one report at a time. Who asks for one that is being computed shares it; it ends when all have gone."""
 

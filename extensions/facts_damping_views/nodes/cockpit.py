@@ -11,12 +11,8 @@ from functools import partial
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-import rclpy
 from facts_damping_msgs.msg import RunState
-from facts_damping_msgs.srv import Apply, Step
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
-from std_srvs.srv import Trigger
 
 from facts_damping.case import names
 from facts_damping.case.names import SUPERVISED, label
@@ -31,8 +27,10 @@ from facts_damping.nodes.base.spinner import Spinner, check_wanted
 from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_STATE, REFUSALS, RUN_STATE
 from facts_damping.nodes.recorder import topics
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
+from facts_damping.recording.events import STOPPED
 from facts_damping.signals import NANOSECONDS
-from facts_damping_views.cockpit import application, controls, layout, samples, server, words
+from facts_damping_views.cockpit import application, controls, layout, reports, samples, server, words
+from facts_damping_views.nodes.services import Services
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -43,66 +41,17 @@ if TYPE_CHECKING:
 PERIOD_S = 1.0 / samples.RATE
 STATUS_S = 1.0  # wall time between two states of the run, and between two estimates of modes
 SILENT_S = 2.0  # wall time without its messages after which a node counts as dead
-ANSWER_S = 5.0  # longest wait for the answer of a service
 EVENTS = "plant/events"
 EVERY = (EVENTS, CHANGES, RUN_STATE, DIAGNOSTICS, REFUSALS)  # topics of which every message counts, not the newest
 STATES = {RunState.RUNNING: "running", RunState.PAUSED: "paused", RunState.ENDED: "ended"}
-SERVICES = {controls.TRIGGER: Trigger, controls.APPLY: Apply, controls.STEP: Step}
+DONE = "done: "  # begin of the reason of a run that has reached its end
 
 
-class Services:
-    """Calls services of the graph and gives their answers; `poll` does the work and never waits."""
-
-    def __init__(self, node: ManagedNode) -> None:
-        self._resolve = node.resolve_service_name
-        more: dict[str, Any] = {
-            "use_global_arguments": False,
-            "start_parameter_services": False,
-            "enable_rosout": False,
-        }
-        self._node = rclpy.create_node(f"{node.get_name()}_client", namespace=node.get_namespace(), **more)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._clients: dict[str, Any] = {}
-        self._waiting: list[list[Any]] = []  # client, request, future or None, deadline, what gets the answer
-
-    def call(self, asked: Request, answer: Callable[[bool, str], None]) -> None:
-        """Call a service; `answer` gets success and message."""
-        kind, name = SERVICES[asked.kind], self._resolve(asked.service)
-        if name not in self._clients:
-            self._clients[name] = self._node.create_client(kind, name)
-        request = kind.Request()
-        if asked.kind == controls.APPLY:
-            request.change = asked.content
-        elif asked.kind == controls.STEP:
-            request.ticks = asked.content
-        self._waiting.append([self._clients[name], request, None, clock.monotonic() + ANSWER_S, answer])
-
-    def poll(self) -> None:
-        """Send requests whose service is there, and pass on answers."""
-        for waiting in self._waiting:
-            if waiting[2] is None and waiting[0].service_is_ready():
-                waiting[2] = waiting[0].call_async(waiting[1])
-        for _ in self._waiting:
-            self._executor.spin_once(timeout_sec=0)
-        still_waiting = []
-        for waiting in self._waiting:
-            client, _, future, deadline, answer = waiting
-            if future is not None and future.done():
-                result = future.result()
-                answer(bool(result.success), str(result.message))
-            elif clock.monotonic() > deadline:
-                if future is not None:
-                    client.remove_pending_request(future)
-                answer(False, f"no answer from {client.srv_name} within {ANSWER_S:g} s")
-            else:
-                still_waiting.append(waiting)
-        self._waiting = still_waiting
-
-    def close(self) -> None:
-        """Release the node of the calls."""
-        self._executor.shutdown()
-        self._node.destroy_node()
+def why_ended(reason: str) -> str:
+    """Why a run has ended, in words; `reason`: as its plant publishes it."""
+    if reason.startswith(DONE):
+        return f"it has run for {reason.removeprefix(DONE)}"
+    return "it was stopped" if reason == STOPPED else reason
 
 
 class Cockpit:
@@ -116,30 +65,41 @@ class Cockpit:
         self.port: int = declare(node, "port", application.PORT, descriptor("its port; 0: a free one", "", 0, 65535))
         text = "true: the program that started it carries out the lines `kill NODE` and `restart NODE`"
         launched: bool = declare(node, "launched", False, descriptor(text))
-        recording: str = declare(node, "recording", "", descriptor("the run's recording, for reports; empty: none"))
-        server.check_libraries()
-        title = label(case.summary())
-        self.panel = layout.panel(case, title)
-        shown = {"type": "layout", "title": title, "mode": "live", "panels": [self.panel.shown]}
-        content = application.Content(
-            shown | {"duration": case.run.duration}, recordings={title: recording} if recording else {}
+        text = "true: that program also starts the run again, by the line `again`"
+        again: bool = declare(node, "again", False, descriptor(text))
+        self.recording: str = declare(
+            node, "recording", "", descriptor("the run's recording, for reports; empty: none")
         )
-        asks = controls.controls(case, launched=launched)
-        self.cockpit = application.Cockpit(content, asks, self.ask, host=self.host)
+        server.check_libraries()
+        self.panel = layout.panel(case, label(case.summary()))
+        self.number = 1  # of the run: one more each time that it starts again
+        asks = controls.controls(case, launched=launched, again=again)
+        self.cockpit = application.Cockpit(self.content(), asks, self.ask, host=self.host)
         self.asked: SimpleQueue[tuple[Request, Callable[[bool, str], None]]] = SimpleQueue()
-        self.values = samples.Live(self.panel)
-        self.newest: dict[str, bytes] = {}  # of a topic, until it is decoded
-        self.heard: dict[str, float] = {}  # wall time of the newest message, by node
-        self.time_s = self.event_s = 0.0
-        self.source_ns = 0  # when the newest state of the plant was published
-        self.state, self.states = "running", dict[str, str]()
-        self.counts = dict[str, int]()
-        self.refused = dict[str, int]()  # messages refused by the graph's nodes
+        self.begin("running")
         self.uses, self.kinds, self.senders = self._uses()
         for topic, kind in self.kinds.items():
             take = partial(self.on_message, topic)
             node.create_subscription(kind, topic, take, listening(1000 if topic in EVERY else 1), raw=True)
         self.log, self.spinner, self.services = NodeLog(node), Spinner(node), Services(node)
+
+    def content(self) -> application.Content:
+        """What the page shows of the run."""
+        title, run = self.panel.shown["name"], self.case.run
+        shown = {"type": "layout", "title": title, "mode": "live", "panels": [self.panel.shown], "run": self.number}
+        recordings = {title: reports.recording(self.recording, self.number)} if self.recording else {}
+        return application.Content(shown | {"duration": run.duration}, recordings=recordings)
+
+    def begin(self, state: str) -> None:
+        """Know nothing of a run yet."""
+        self.values = samples.Live(self.panel)
+        self.newest: dict[str, bytes] = {}  # of a topic, until it is decoded
+        self.heard: dict[str, float] = {}  # wall time of the newest message, by node
+        self.time_s = self.event_s = 0.0
+        self.source_ns = 0  # when the newest state of the plant was published
+        self.state, self.reason, self.states = state, "", dict[str, str]()
+        self.counts = dict[str, int]()
+        self.refused = dict[str, int]()  # messages refused by the graph's nodes
 
     def _uses(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
         """By topic: what takes its columns; message class (of all topics: nodes wait for readers); publishing node."""
@@ -236,11 +196,25 @@ class Cockpit:
     def on_run_state(self, message: Any) -> None:
         """Keep the state of the run; its end is an event."""
         state = STATES.get(message.state, "running")
-        if state == "ended" != self.state:
-            self.tell(
-                self.time_s, f"the run has ended: {message.reason}", "info" if message.in_synchronism else "error"
-            )
+        if state == "ended":
+            self.on_end(why_ended(message.reason), "info" if message.in_synchronism else "error")
         self.state = state
+
+    def on_end(self, reason: str, level: str) -> None:
+        """Tell that the run has ended, once."""
+        if self.state != "ended":
+            self.state, self.reason = "ended", reason
+            self.tell(self.time_s, f"the run has ended: {reason}", level)
+
+    def again(self) -> tuple[bool, str]:
+        """Have the run started again. Returns whether it is possible, and a message."""
+        if self.state != "ended":
+            return False, "again: given during the run; allowed: once it has ended"
+        self.number += 1
+        self.begin("starting")
+        self.log.line(controls.AGAIN)
+        self.thread.soon(self.cockpit.begin, self.content())
+        return True, "starts again"
 
     def on_diagnostics(self, message: Any) -> None:
         """Keep deadline misses of the plant; who tells of itself is alive."""
@@ -257,16 +231,21 @@ class Cockpit:
         self.counts["refused_by_nodes"] = sum(self.refused.values())
 
     def tell(self, time_s: float, text: str, level: str = "info", kind: str = "", element: str = "") -> None:
-        """Show an event in the log of the page."""
+        """Show an event in the log of the page; for the program that started this, a line, except of changes."""
+        if level != "info" or not kind:
+            self.log.line(f"{controls.EVENT} {time_s:.1f} s: {text}")
         self.thread.soon(self.cockpit.event, words.event(time_s, text, level, kind, element))
 
     def status(self) -> dict[str, Any]:
         """State of the run and its nodes. A node is dead if it was heard, and is silent while the run goes on."""
         now, still = clock.monotonic(), self.state != "running"
+        if not still and self.heard and all(now - at >= SILENT_S for at in self.heard.values()):
+            self.on_end("its nodes no longer answer; the terminal has the reason", "error")
+            still = True
         alive = {name: still or now - at < SILENT_S for name, at in self.heard.items()}
         nodes = {name: "alive" if alive.get(name) else "dead" for name in self.panel.shown["nodes"] if name in alive}
         modes = [{"label": name, **mode} for name, mode in self.values.modes.items()]
-        shown = {"run": self.state, "nodes": nodes, "states": dict(self.states)}
+        shown = {"run": self.state, "reason": self.reason, "nodes": nodes, "states": dict(self.states)}
         return shown | {"modes": modes, "counts": dict(self.counts)}
 
     def carry_out(self) -> None:
@@ -274,7 +253,10 @@ class Cockpit:
         while not self.asked.empty():
             request, answer = self.asked.get()
             later = partial(self.thread.soon, answer)
-            if request.kind == controls.LINE:
+            if request == controls.START_AGAIN:
+                later(*self.again())
+                self.thread.soon(self.cockpit.status, self.status())
+            elif request.kind == controls.LINE:
                 self.log.line(request.content)
                 later(True, "asked for")
             else:
@@ -317,7 +299,9 @@ class Cockpit:
             self.thread.soon(self.cockpit.frame, self.values.frame(self.time_s, lag_s))
 
     def end(self) -> None:
-        """Stop the server and release the services."""
+        """Tell the last of the run, stop the server and release the services."""
+        self.spinner.take_all()
+        self.thread.soon(self.cockpit.status, self.status())
         self.server.stop()
         try:
             self.serving.result(3.0)

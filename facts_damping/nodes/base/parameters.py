@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from array import array
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -40,6 +41,7 @@ OPTIONS: dict[str, tuple[Any, str]] = {
     "start_timeout": (30.0, "longest wait for the other nodes at the start, s; not in mode free"),
     "recorder": (False, "true: wait for a recorder before starting"),
     "view": (False, "true: wait for a live view before starting"),
+    "endless": (False, "true: until it is stopped, whatever its duration"),
     "join": (False, "true (not in lockstep): start disarmed; in realtime also: replace a node that left"),
 }
 
@@ -53,6 +55,7 @@ class Options:
     start_timeout: float
     recorder: bool
     view: bool
+    endless: bool = False
     join: bool = False
 
     @property
@@ -69,6 +72,10 @@ class Options:
     def late(self) -> bool:
         """Whether the first message that a node receives may be of any tick."""
         return self.join or self.free
+
+    def ticks(self, case: Case) -> int:
+        """Number of ticks of a run; `sys.maxsize`: it has no end."""
+        return sys.maxsize if self.endless or (self.free and case.run.duration is None) else case.ticks
 
     def patience(self, tick: int) -> float:
         """Longest wait for an answer to a tick, s; longer for the first ticks, when nodes may still be starting."""

@@ -71,7 +71,7 @@ def run(
     Raises `RunError` naming the node that ended or is silent, `InputError` if the folder is in use.
     """
     clean_up_first("what was recorded by then is readable")
-    _check(case, out, parts)
+    check(case, out, parts)
     new_folder(out)
     began, fallen = clock.monotonic(), dict[str, str]()
     with started(case, mode, out, timeout, parts) as running:
@@ -85,7 +85,7 @@ def run(
             if look is not None:
                 look(ticks.newest, running)
             if COCKPIT in running and mode == "realtime":
-                obey(running, replaceable(case))
+                obey(running, replaceable(case), running[COCKPIT].read())
             _check_others(running, fallen if ticks.newest > 1 and mode == "realtime" else None)
             if clock.monotonic() - reported_s > timeout + MORE_S:
                 raise RunError(f"{plant.name} is silent: no progress within {timeout + MORE_S:g} s")
@@ -120,7 +120,7 @@ def _outcome(out: Path, running: dict[str, Process], ticks: lines.Ticks, wall_s:
     )
 
 
-def _check(case: Case, out: Path, parts: Parts) -> None:
+def check(case: Case, out: Path, parts: Parts) -> None:
     """Raise `InputError` before anything starts: for a folder in use, a domain, a program, keys."""
     check_domain((parts.environment or os.environ).get("ROS_DOMAIN_ID", "0"))
     if (out / "recording").exists():
@@ -139,12 +139,12 @@ def check_domain(domain: str) -> None:
         raise InputError(f"ROS_DOMAIN_ID: '{domain}' given; allowed: 0 to {MAX_DOMAIN}")
 
 
-def obey(running: dict[str, Process], allowed: Collection[str]) -> None:
-    """Carry out the lines `kill NODE` and `restart NODE` of the cockpit, for nodes that may be replaced.
+def obey(running: dict[str, Process], allowed: Collection[str], output: str) -> None:
+    """Carry out the lines `kill NODE` and `restart NODE` in the output of a cockpit, for nodes that may be replaced.
 
     A node that has ended starts again, disarmed. A user's own program, and a node that still runs, are not started.
     """
-    for order, name in lines.orders(running[COCKPIT].read()):
+    for order, name in lines.orders(output):
         node = running.get(name) if name in allowed else None
         if node is None:
             continue

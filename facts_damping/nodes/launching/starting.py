@@ -56,6 +56,8 @@ class Parts(NamedTuple):
     replayed: Path | str | None = None  # a recording in place of plant and links
     streams: str | None = None  # in place of the plant, in real time (facts_damping_streams.parameters.read_streams)
     environment: Mapping[str, str] | None = None  # of the nodes; None: that of this process
+    watched: bool = False  # by a cockpit that was started before, for several graphs
+    endless: bool = False  # until it is stopped, whatever its duration
 
 
 ALONE = Parts()  # the nodes of the case, and no others
@@ -70,8 +72,9 @@ def started(case: Case, mode: str, out: Path, timeout: float, parts: Parts = ALO
     run_file = out / RUN_FILE
     unsigned = {} if parts.replayed is None else {"security": None}  # a recording has no keys
     run_file.write_text(dump(case.document() | unsigned), encoding="utf-8")
-    common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True}
-    common["view"] = parts.view_port is not None or parts.cockpit is not None
+    viewed = parts.watched or parts.view_port is not None or parts.cockpit is not None
+    common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "view": viewed}
+    common["endless"] = parts.endless
     running: dict[str, Process] = {}
 
     def begin(name: str, node: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> None:

@@ -19,7 +19,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
-from facts_damping_views.cockpit import application, controls, server
+from facts_damping_views.cockpit import application, clients, controls, server
 from facts_damping_views.commands import content
 from tests.views.cockpit.serving import page_socket, request, serving
 
@@ -265,7 +265,7 @@ def test_client_that_does_not_read_costs_little_and_delays_nobody(
                 longest = max(longest, time.monotonic() - began)
                 held = max(held, *(len(served_client.texts) for served_client in cockpit.clients))
             assert longest < 1.0
-            assert held <= application.QUEUE
+            assert held <= clients.QUEUE
             assert (
                 taken_frames - 500 < slow.frames_left_out <= taken_frames
             )  # its connection may end before the last frame

@@ -3,7 +3,10 @@
 import uPlot from "./uplot/uPlot.esm.js";
 import { html, set, shown } from "./dom.js";
 
-export const WINDOW = 30; // s
+const SHORTEST = 30; // s
+export const settings = { seconds: SHORTEST, deviations: false }; // what charts show: the last seconds; values less those at the start
+const DEVIATE = ["Hz", "deg", "MW"]; // units of values whose deviations say more than the values
+const FLOORS = { Hz: 1e-3, mHz: 0.5, deg: 0.05, MW: 0.5, "p.u.": 1e-3, ms: 1, "%": 1 }; // half of the smallest range of an axis
 const FLAT = 2e-4; // of a value: smallest range of its axis
 const PERIOD = 90; // ms, by which each eight curves of a chart are drawn less often
 const NAMED = 6; // curves that the caption of a chart names
@@ -20,11 +23,27 @@ export function until(rows, time) {
   return low;
 }
 
-/** Columns of times and curves from rows of the last seconds before a time; null: not available. */
-export function columns(rows, time, curves) {
-  const shownRows = rows.slice(until(rows, time - WINDOW), until(rows, time));
-  const column = (k) => shownRows.map((row) => (Number.isFinite(row[k]) ? row[k] : null));
-  return [shownRows.map((row) => row[0]), ...curves.map((curve) => column(curve + 2))];
+/** Columns of times and curves from rows between two times; null: not available. `bases`: what each curve is reduced by. */
+export function columns(rows, begin, time, curves, bases) {
+  const shownRows = rows.slice(until(rows, begin), until(rows, time));
+  const column = (k, base) => shownRows.map((row) => (Number.isFinite(row[k]) ? row[k] - base : null));
+  return [shownRows.map((row) => row[0]), ...curves.map((curve, i) => column(curve + 2, bases[i]))];
+}
+
+/** The first value of a curve. */
+function base({ rows, bases }, curve) {
+  if (!bases.has(curve)) {
+    const row = rows.find((one) => Number.isFinite(one[curve + 2]));
+    if (!row) return 0;
+    bases.set(curve, row[curve + 2]);
+  }
+  return bases.get(curve);
+}
+
+/** Labels of an axis, with as many digits as its steps need. */
+function labels(splits, step) {
+  const digits = [0, 1, 2, 3, 4, 5].find((d) => Math.abs(step * 10 ** d - Math.round(step * 10 ** d)) < 1e-6) ?? 6;
+  return splits.map((value) => (Math.abs(value) < step / 1e3 ? 0 : value).toFixed(digits));
 }
 
 /** Build a chart in a box, with a caption that names its curves; `redraw` is called when it comes into sight. */
@@ -38,24 +57,25 @@ export function makeChart(chart, panel, box, look, redraw) {
     html("i", { style: `--c: var(--c${k % 8})` }), `${short(i)} `, values[k]));
   if (rest.length) items.push(html("span", { class: "key", title: rest.map(short).join(", ") }, `and ${rest.length} more`));
   const limit = chart.limit === null ? [] : [html("span", { class: "key limit" }, html("i", { class: "dashed" }), `limit ${chart.limit}`)];
-  const area = html("div", { class: "area", role: "img", "aria-label": `${chart.title}, last ${WINDOW} s` });
+  const unit = html("small", {}, chart.unit);
+  const area = html("div", { class: "area", role: "img", "aria-label": chart.title });
   box.append(html("figure", { class: "chart" },
-    html("figcaption", {}, html("strong", {}, `${chart.title} `, html("small", {}, chart.unit)), ...items, ...limit), area));
-  const view = { chart, panel, values, time: 0, due: 0, seen: true, twins: [], extent: [Infinity, -Infinity] };
+    html("figcaption", {}, html("strong", {}, `${chart.title} `, unit), ...items, ...limit), area));
+  const view = { chart, panel, values, unit, begin: 0, time: 0, due: 0, seen: true, twins: [], extent: [Infinity, -Infinity] };
   const axis = { stroke: () => look.faint, font: FONT, grid: { stroke: () => look.grid, width: 1 }, ticks: { show: false } };
   const range = (_, lowest, highest) => {
     view.extent = [lowest ?? Infinity, highest ?? -Infinity];
     const all = [view, ...view.twins].map((one) => one.extent); // side by side: the same scale
     const [low, high] = [Math.min(...all.map(([l]) => l)), Math.max(...all.map(([, h]) => h))];
     if (low > high) return [0, 1];
-    const half = Math.max(0.55 * (high - low), FLAT * Math.abs(high + low), 1e-4);
+    const half = Math.max(0.55 * (high - low), FLAT * Math.abs(high + low), FLOORS[chart.unit] ?? 1e-4);
     return [(low + high) / 2 - half, (low + high) / 2 + half];
   };
   view.plot = new uPlot({
     width: 300, height: 100, legend: { show: false }, padding: [6, 8, 0, 0],
     cursor: { y: false, drag: { x: false, y: false }, points: { show: false }, sync: { key: panel.name } },
-    scales: { x: { time: false, range: () => [Math.max(view.time, WINDOW) - WINDOW, Math.max(view.time, WINDOW)] }, y: { range } },
-    axes: [{ ...axis, size: 20, gap: 2, space: 60 }, { ...axis, size: 50, gap: 4, space: 18 }],
+    scales: { x: { time: false, range: () => [view.begin, Math.max(view.time, view.begin + SHORTEST)] }, y: { range } },
+    axes: [{ ...axis, size: 20, gap: 2, space: 60 }, { ...axis, size: 50, gap: 4, space: 18, values: (_, splits, axisIndex, space, step) => labels(splits, step) }],
     series: [{}, ...chart.curves.map((_, k) => ({
       stroke: () => look.colours[k % 8], width: many ? 1 : 1.5, points: { show: false },
     }))],
@@ -85,7 +105,7 @@ function mark(plot, view, look) {
   ctx.lineWidth = devicePixelRatio;
   ctx.setLineDash([4 * devicePixelRatio, 4 * devicePixelRatio]);
   for (const event of view.panel.events) {
-    if (event.level === "info" || event.t > view.time || event.t < view.time - WINDOW) continue;
+    if (event.level === "info" || event.t > view.time || event.t < view.begin) continue;
     const x = plot.valToPos(event.t, "x", true);
     line(event.level === "error" ? look.bad : look.warn, x, top, x, top + height);
   }
@@ -94,12 +114,16 @@ function mark(plot, view, look) {
   ctx.restore();
 }
 
-/** Draw the last seconds before a time, if it is due; the caption has the values under the pointer, else the last. */
+/** Draw the values up to a time, if it is due; the caption has the values under the pointer, else the last. */
 export function drawChart(view, rows, time, now, always) {
   if (!view.seen || (now < view.due && !always)) return;
   view.due = now + PERIOD * Math.floor(view.chart.curves.length / 8);
-  const data = columns(rows, time, view.chart.curves);
-  view.time = time;
+  const begin = Number.isFinite(settings.seconds) ? Math.max(0, time - settings.seconds) : rows[0]?.[0] ?? 0;
+  const deviates = settings.deviations && DEVIATE.includes(view.chart.unit);
+  set(view.unit, { text: deviates ? `${view.chart.unit}, from the start` : view.chart.unit });
+  const bases = view.chart.curves.map((curve) => (deviates ? base(view.panel, curve) : 0));
+  const data = columns(rows, begin, time, view.chart.curves, bases);
+  [view.begin, view.time] = [begin, time];
   view.plot.setData(data);
   const place = view.plot.cursor.idx ?? data[0].length - 1;
   const unit = view.chart.unit === "Hz" ? "Hz" : "";

@@ -1,12 +1,13 @@
 // The page: one state, the socket or the recordings that fill it, and what draws it.
 
-import { WINDOW, drawChart, drawMonitors, makeChart, makeMonitors, until } from "./charts.js";
+import { drawChart, drawMonitors, makeChart, makeMonitors, settings, until } from "./charts.js";
 import { drawStates, makeControls, takeValues } from "./controls.js";
 import { drawDiagram, makeDiagram } from "./diagram.js";
 import { clock, html, set, shown } from "./dom.js";
 
 const LONGEST = 500; // lines of the event log
 const GAP = 1; // s without values, over which charts draw no line
+const [FULL, OLDER] = [900, 1800]; // rows: the newest, which all stay, and the older ones of which every second goes when there are more
 const WAITS = [0.5, 1, 2, 4, 8]; // s, before the socket is opened again
 const find = (id) => document.getElementById(id);
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -15,7 +16,7 @@ const dark = matchMedia("(prefers-color-scheme: dark)");
 const [DIAGRAM, CHARTS] = [80, 180]; // ms: least time between two drawings, as painting is dear without a GPU
 const state = {
   layout: null, text: "", panels: [], time: NaN, lag: NaN, playing: false, speed: 1, drawn: 0, charted: 0, asked: 0, answers: new Map(),
-  status: { run: "", nodes: {}, states: {}, modes: [], counts: {}, cut: [] }, socket: null, tries: 0, spent: { frames: 0, ms: 0 },
+  status: { run: "", reason: "", nodes: {}, states: {}, modes: [], counts: {}, cut: [] }, socket: null, tries: 0, spent: { frames: 0, ms: 0 },
 };
 globalThis.cockpit = state; // to look into from the console, and for tests
 
@@ -35,14 +36,16 @@ function readLook() {
 
 function build(layout) {
   const text = JSON.stringify(layout);
-  for (const panel of state.panels) panel.events.length = 0, panel.log.replaceChildren(); // they come again
+  if (layout.mode === "live") {
+    for (const panel of state.panels) panel.events.length = 0, panel.log.replaceChildren(), forget(panel); // all comes again
+  }
   if (text === state.text) return; // the same as before the connection was lost
   Object.assign(state, { layout, text, time: layout.mode === "replay" ? 0 : NaN });
   document.title = `${layout.title} – cockpit`;
   find("title").textContent = layout.title;
   document.body.dataset.mode = layout.mode;
   document.body.dataset.panels = layout.panels.length;
-  state.panels = layout.panels.map((panel) => buildPanel(panel, layout.mode));
+  state.panels = layout.panels.map((panel, i) => buildPanel(panel, layout.mode, !i));
   const charts = state.panels.flatMap((panel) => panel.charts);
   for (const chart of charts) chart.twins = charts.filter((one) => one !== chart && one.chart.title === chart.chart.title);
   find("panels").replaceChildren(...state.panels.map((panel) => panel.node));
@@ -51,32 +54,49 @@ function build(layout) {
   if (layout.mode === "replay") openReplay(layout);
 }
 
-function buildPanel(panel, mode) {
+function buildPanel(panel, mode, first) {
   const node = find("panel").content.cloneNode(true).firstElementChild;
   const part = (name) => node.querySelector(`[data-part=${name}]`);
-  const view = { ...panel, events: [], rows: [], node, log: part("log"), modes: part("modes"), scale: part("scale") };
+  const view = { ...panel, events: [], rows: [], bases: new Map(), node, log: part("log"), modes: part("modes"), scale: part("scale") };
   part("name").append(panel.name, html("a", { href: `report/${encodeURIComponent(panel.name)}`, target: "_blank" }, "report"));
   part("name").hidden = mode === "live";
   node.setAttribute("aria-label", panel.name);
   view.drawing = makeDiagram(view, part("diagram"), part("readout"));
   view.charts = panel.charts.map((chart) => makeChart(chart, view, part("charts"), look, redraw));
+  part("tools").hidden = !first;
+  part("window").value = String(settings.seconds);
+  part("window").addEventListener("change", (event) => (settings.seconds = Number(event.target.value), redraw()));
+  part("deviations").checked = settings.deviations;
+  part("deviations").addEventListener("change", (event) => (settings.deviations = event.target.checked, redraw()));
   view.monitorBars = makeMonitors(view, part("monitors"));
   return view;
 }
 
 // Values.
 
+/** Take the newest row of values, or all rows so far one after the other. */
 function take(buffer) {
-  const row = new Float32Array(buffer);
+  const all = new Float32Array(buffer);
   const [panel] = state.panels;
-  if (!panel || row.length !== panel.curves.length + 2) return;
-  const last = panel.rows.at(-1);
-  if (last && row[0] < last[0]) panel.rows.length = 0; // the run was reset
-  if (last && row[0] > last[0] + GAP) panel.rows.push(new Float32Array(row.length).fill(NaN).fill(last[0], 0, 1)); // a gap
-  panel.rows.push(row);
-  if (panel.rows[0][0] < row[0] - WINDOW - 5) panel.rows.splice(0, until(panel.rows, row[0] - WINDOW));
-  [state.time, state.lag] = row;
+  const width = panel ? panel.curves.length + 2 : NaN;
+  if (all.length % width !== 0) return;
+  for (let i = 0; i < all.length; i += width) put(panel, all.slice(i, i + width), all.length === width);
   redraw();
+}
+
+function put(panel, row, newest) {
+  const { rows } = panel;
+  const last = rows.at(-1);
+  if (last && row[0] < last[0]) forget(panel); // another run
+  else if (last && newest && row[0] > last[0] + GAP) rows.push(new Float32Array(row.length).fill(NaN).fill(last[0], 0, 1)); // a gap
+  rows.push(row);
+  if (rows.length >= FULL + OLDER) rows.splice(0, OLDER, ...rows.slice(0, OLDER).filter((_, k) => k % 2 === 0));
+  [state.time, state.lag] = row;
+}
+
+function forget(panel) {
+  panel.rows.length = 0;
+  panel.bases.clear();
 }
 
 function note(panel, event) {
@@ -143,8 +163,10 @@ function draw(now) {
 }
 
 function drawStatus() {
-  const { run, counts, modes } = state.status;
+  const { run, reason, counts, modes } = state.status;
   set(find("run"), { text: run, class: `pill ${run}` });
+  set(find("over"), { text: run === "ended" ? `The run has ended: ${reason}.` : "" });
+  enable();
   const lost = Object.entries(counts).filter(([name, n]) => n && name !== "clients");
   set(find("counts"), { text: lost.map(([name, n]) => `${name.replaceAll("_", " ")}: ${n}`).join(" · ") });
   if (state.rows) drawStates(state.rows, state.status);
@@ -155,6 +177,19 @@ function drawStatus() {
 
 // Socket.
 
+/** What can be used: nothing without a connection; once the run has ended, its report, and where a program does it, another run. */
+function enable() {
+  const open = state.socket?.readyState === WebSocket.OPEN;
+  const over = ["ended", "starting"].includes(state.status.run);
+  find("groups").disabled = !open || over;
+  find("toolbar").disabled = !open;
+  for (const node of find("toolbar").querySelectorAll("[data-control]")) {
+    const id = node.dataset.control;
+    const usable = id === "run/report" || (id === "run/again" ? state.status.run === "ended" : !over);
+    for (const part of [node, ...node.querySelectorAll("button, input")]) part.disabled = !usable;
+  }
+}
+
 const say = (text, kind) => set(find("connection"), { text, class: `pill ${kind}` });
 
 function connect() {
@@ -163,15 +198,15 @@ function connect() {
   socket.onopen = () => {
     state.tries = 0;
     say("connected", "good");
-    find("groups").disabled = find("toolbar").disabled = false;
+    enable();
   };
   socket.onmessage = ({ data }) => (typeof data === "string" ? hear(JSON.parse(data)) : take(data));
   socket.onclose = () => {
     const wait = WAITS[Math.min(state.tries++, WAITS.length - 1)];
-    find("groups").disabled = find("toolbar").disabled = true;
-    state.status.run = "";
+    const over = state.status.run === "ended";
+    state.status.run = over ? "ended" : "";
     drawStatus();
-    say(`connection lost, again in ${wait} s`, "bad");
+    say(over ? "no longer served" : `connection lost, again in ${wait} s`, over ? "" : "bad");
     setTimeout(connect, 1000 * wait);
   };
   state.socket = socket;

@@ -2,7 +2,7 @@
 
 import { html, set } from "./dom.js";
 
-const GROUPS = { run: "Run", link: "Links", grid: "Grid", supervisor: "Supervisor", nodes: "Nodes" };
+const GROUPS = { run: "Run", preset: "Presets", link: "Links", grid: "Grid", supervisor: "Supervisor", nodes: "Nodes" };
 const PAUSE = 120; // ms, between values that a slider sends while it moves
 
 /** What a control acts on, "wan_link" in "link/wan_link/delay"; its label without that name. */
@@ -104,7 +104,7 @@ const KINDS = {
       if (of === channel() && !node.contains(document.activeElement)) range.value = exact.value = sent = stands[of];
     };
     const node = html("div", { class: "slider", "data-control": control.id }, html("label", {}, html("span", {}, label(control)), range), exact,
-      html("small", {}, control.unit));
+      html("small", {}, control.unit), control.hint ? html("small", { class: "hint" }, control.hint) : "");
     return Object.assign(node, { take });
   },
   button(control, send) {
