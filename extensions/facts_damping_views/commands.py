@@ -99,7 +99,7 @@ def _run(arguments: argparse.Namespace) -> None:
     from facts_damping.analysis import summary  # noqa: F401 (while what nodes need is loaded, too)
 
     forked.load()
-    case, endless = _case(arguments)
+    case, endless = live_case(arguments)
     loop.build_loop(case, outside=True)  # refuses bad input before anything starts
     name, parts = label(case.summary()), starting.Parts(watched=True, endless=endless)
     folder = out_folder(arguments, name)
@@ -123,8 +123,8 @@ def _run(arguments: argparse.Namespace) -> None:
         raise KeyboardInterrupt("the page is no longer served") from None
 
 
-def _case(arguments: argparse.Namespace) -> tuple[Case, bool]:
-    """The case, and whether it has no end: its duration is then that of its random numbers."""
+def live_case(arguments: argparse.Namespace) -> tuple[Case, bool]:
+    """The case of a run, and whether it has no end; its duration is then that of its random numbers."""
     load = partial(loading.load_case, arguments.what, supervised=arguments.supervised)
     case, endless = load(sets=arguments.set), not any(DURATION.match(setting) for setting in arguments.set)
     if endless and case.duration < REPEATED_S:

@@ -107,7 +107,7 @@ class Cockpit:
         """Show a run that begins again, to all clients."""
         self.content, self.values = content, {}
         self._events.clear()
-        self._history.clear()
+        self._history = History()
         self._end_presets()
         for client in self.clients:
             client.frame = None
@@ -238,7 +238,7 @@ class Cockpit:
         client = Client()
         client.put_text(self._layout())
         if self._history:
-            client.put_text(b"".join(self._history))
+            client.put_text(self._history.all())
         for text in self._events:
             client.put_text(text)
         if self._status:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import struct
 from collections import deque
 
 QUEUE = 256  # messages other than frames that wait for a client
@@ -41,11 +42,35 @@ class Client:
         return frame or b""
 
 
-class History(list[bytes]):
-    """Values over time as they were sent: the first, the newest in full, older ones thinned again and again."""
+class History:
+    """Values over time as they were sent: the newest in full, older ones apart by a time that grows with the run."""
+
+    def __init__(self) -> None:
+        self._newest, self._older, self._apart_s = deque[bytes](), list[bytes](), 0.0
+
+    def __len__(self) -> int:
+        """Number of times."""
+        return len(self._older) + len(self._newest)
 
     def append(self, data: bytes) -> None:
-        """Take the newest values."""
-        super().append(data)
-        if len(self) == FULL + 2 * THINNED:
-            del self[1 : 2 * THINNED : 2]
+        """Take the newest values, of which the first is the time in Float32."""
+        self._newest.append(data)
+        if len(self._newest) > FULL:
+            self._keep(self._newest.popleft())
+        if len(self._older) == 2 * THINNED:
+            self._apart_s = (_time_s(self._older[-1]) - _time_s(self._older[0])) / THINNED
+            before, self._older = self._older, []
+            for older in before:
+                self._keep(older)
+
+    def _keep(self, data: bytes) -> None:
+        if not self._older or _time_s(data) - _time_s(self._older[-1]) >= self._apart_s:
+            self._older.append(data)
+
+    def all(self) -> bytes:
+        """All of them, one after the other."""
+        return b"".join((*self._older, *self._newest))
+
+
+def _time_s(data: bytes) -> float:
+    return float(struct.unpack_from("<f", data)[0])

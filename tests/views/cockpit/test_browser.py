@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -30,8 +31,8 @@ pytestmark = inputs(
     ]
 )
 
-RUN = [sys.executable, "-m", "facts_damping", "run", "two_area_deployment", "--supervised", "--cockpit", "0"]
-CALM = ("duration=3600", "scenario=[]", "load_noise=null", "watchdog=null")
+PROGRAM, RUN = [sys.executable, "-m", "facts_damping"], ["two_area_deployment", "--supervised"]
+CALM = ("scenario=[]", "load_noise=null", "watchdog=null")
 PATIENCE_MS = 90_000
 NODE = "controller_0_LLC_tuned"
 PARTS = "xpath=self::button | .//input | .//select | .//button"  # of a control, those that take keys
@@ -48,6 +49,7 @@ class Browser:
 
     def __init__(self, page: Any, address: str) -> None:
         self.page, self.origin, self.wrong = page, address.partition("?")[0], list[str]()
+        self.status, self.output = 0, ""  # of the command, once it has ended
         page.on("pageerror", lambda error: self.wrong.append(str(error)))
         page.on("console", lambda message: self.wrong.append(message.text) if message.type == "error" else None)
         page.on("request", lambda request: self.asked(request.url))
@@ -61,7 +63,9 @@ class Browser:
 
     def until(self, condition: str) -> None:
         """Wait until an expression of the page's state is true."""
-        self.page.wait_for_function(f"(({{status, time}}) => {condition})(globalThis.cockpit)", timeout=PATIENCE_MS)
+        self.page.wait_for_function(
+            f"(({{status, time, panels}}) => {condition})(globalThis.cockpit)", timeout=PATIENCE_MS
+        )
 
     @property
     def time(self) -> float:
@@ -83,12 +87,12 @@ class Browser:
 
 
 @contextmanager
-def browser(folder: Path, mode: str, *sets: str) -> Iterator[Browser]:
-    """A page of the run as a graph, whose recording is in the folder; nothing may go wrong in it."""
+def browser(folder: Path, command: list[str], sets: tuple[str, ...]) -> Iterator[Browser]:
+    """A page that a command serves, whose recording is in the folder; nothing may go wrong in it."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 (a hundred megabytes)
 
-    command = [*RUN, "--mode", mode, *(part for setting in sets for part in ("--set", setting)), "--out", str(folder)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
+    options = [*(part for setting in sets for part in ("--set", setting)), "--out", str(folder)]
+    with subprocess.Popen([*PROGRAM, *command, *options], stdout=subprocess.PIPE, text=True) as run:
         try:
             assert run.stdout is not None
             address = next(match[0] for line in run.stdout if (match := re.search(r"http://\S+", line)))
@@ -102,15 +106,16 @@ def browser(folder: Path, mode: str, *sets: str) -> Iterator[Browser]:
             run.terminate()  # SIGINT is ignored where a script has started all of this by `&`
             killer = threading.Timer(PATIENCE_MS / 1e3, run.kill)
             killer.start()
-            run.communicate()
+            rest, _ = run.communicate()
             killer.cancel()
+        page_of_run.status, page_of_run.output = run.returncode, rest
 
 
 @needs_browser
 def test_delay_makes_the_swing_grow_until_the_supervisor_trips(domain: int, tmp_path: Path) -> None:
     """By keyboard alone, in lockstep; the link is cut and mended, too. The recording has all of it."""
     swings = []
-    with browser(tmp_path, "lockstep", *CALM) as page:
+    with browser(tmp_path, ["run", *RUN, "--cockpit", "0"], ("duration=3600", *CALM)) as page:
         for width, scheme in WIDTHS:
             page.page.set_viewport_size({"width": width, "height": 900})
             page.page.emulate_media(color_scheme=scheme)
@@ -166,11 +171,38 @@ def test_link_on_another_site_opens_the_page() -> None:
 
 
 @needs_browser
-def test_node_is_killed_and_restarted_on_the_page(domain: int, tmp_path: Path) -> None:
-    with browser(tmp_path, "realtime", *CALM) as page:
+def test_page_stays_after_the_end_of_its_run_and_starts_it_again(domain: int, tmp_path: Path) -> None:
+    """A node is killed and restarted, a long fault ends the run, `again` starts another; Ctrl-C ends that."""
+    with browser(tmp_path, ["cockpit", *RUN, "--port", "0"], CALM) as page:
+        page.until("time > 1")
+        page.page.reload()
+        page.page.wait_for_selector("#run:has-text('running')")
+        page.until("panels[0].rows.length > 20 && panels[0].rows[0][0] === 0")  # from the first tick on
         page.page.locator("summary", has_text="Nodes").press("Enter")
         page.press(f"nodes/{NODE}/kill", "Enter")
         page.until(f"status.nodes['{NODE}'] === 'dead'")
         page.press(f"nodes/{NODE}/restart", "Enter")
         page.until(f"status.nodes['{NODE}'] === 'alive'")
-    assert [joined.node for joined in load(tmp_path / "recording").joined] == [NODE]
+        again = page.page.locator("[data-control='run/again']")
+        assert again.is_disabled()
+        page.press("preset/sign", "Space")
+        page.press("grid/fault", "Tab", "Control+a", "1", "Enter")
+        page.until("status.run === 'ended'")
+        assert page.page.locator("#over").inner_text().startswith("The run has ended: synchronism lost at")
+        assert page.page.locator("[data-control='preset/delay']").is_disabled()
+        assert page.page.locator("[data-control='run/report']").is_enabled()
+        page.press("run/again", "Enter")
+        page.until("status.run === 'running' && time > 0 && status.values['preset/sign'] === undefined")
+        assert page.page.locator("#over").inner_text() == ""
+    first, second = (load(folder / "recording") for folder in (tmp_path, tmp_path / "run_2"))
+    assert [joined.node for joined in first.joined] == [NODE]
+    assert [(change.name, change.kind) for change in first.changes if change.name == "gain"] == [("gain", "parameter")]
+    assert not first.in_synchronism[-1]
+    assert second.notes == []
+    assert second.in_synchronism.all()
+    assert page.status == 128 + signal.SIGTERM
+    assert "the run has ended: synchronism lost" in page.output
+    assert page.output.splitlines()[-2:] == [
+        f"recording: {tmp_path}/run_2/recording",
+        f"report: facts-damping analyze {tmp_path}/run_2/recording --report report.html",
+    ]

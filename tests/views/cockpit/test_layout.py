@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from facts_damping.case import names
+from facts_damping.case.controllers import check_parameter, sizes
 from facts_damping.case.loading import load_case
+from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import with_event, with_link
@@ -104,8 +106,14 @@ def test_checks_of_the_run_accept_what_every_control_becomes(case: Case) -> None
                 with_event(now, request.content, 2 * 10**9)
             elif request.kind == controls.LINE:
                 assert request.content.split()[1] in names.replaceable(case)
+            elif request.kind == controls.PRESET:
+                for move in request.content:
+                    controls.checked(by_id[move.control], move.value)
+            elif request.kind == controls.PARAMETER:
+                first = case.controllers[0]
+                check_parameter("gain", "gain", request.content[1], kind_of(first).parameters, sizes(first))
     groups = {control.shown["group"] for control in by_id.values()}
-    assert groups == {"link", "grid", "nodes", "run"} | ({"supervisor"} if case.supervision else set())
+    assert groups == {"preset", "link", "grid", "nodes", "run"} | ({"supervisor"} if case.supervision else set())
 
 
 def test_sliders_of_a_link_add_up_and_return_to_the_run_s_own_link() -> None:
@@ -129,6 +137,30 @@ def test_sliders_of_a_link_add_up_and_return_to_the_run_s_own_link() -> None:
         link(name, 0)
     link("cut", False)
     assert link("loss", {"value": 0, "channel": "sssc"}) == link_of_run
+
+
+def test_wrong_sign_is_a_parameter_where_there_is_a_gain_and_else_on_the_way_to_the_device() -> None:
+    case = load_case("two_area_deployment", ["controllers.0.name=LLC", "controllers.0.parameters={gain: 12}"])
+    sign = controls.controls(case)[controls.SIGN]
+    node = f"{names.controller_addresses(case)[0]}/set_parameters"
+    asked = [sign.request(wrong, {(controls.SIGN, ""): wrong}) for wrong in (True, False)]
+    assert asked == [controls.Request(controls.PARAMETER, node, ("gain", gain)) for gain in (-12.0, 12.0)]
+    case = load_case("two_area_deployment", ["controllers.0.name=LQG"])
+    sign = controls.controls(case)[controls.SIGN]
+    links = [
+        with_link(case, 0, sign.request(wrong, {(controls.SIGN, ""): wrong}).content).links[0]
+        for wrong in (True, False)
+    ]
+    assert links[0].down[-1].model_dump()["factor"] == -1.0
+    assert links[1] == case.links[0]
+
+
+def test_jump_of_the_delay_is_explained_where_a_supervisor_waits_for_frames() -> None:
+    hints = [
+        controls.controls(load_case("two_area_deployment", sets, ""))["link/wan_link/delay"].shown["hint"]
+        for sets in (["supervision.monitors.missing.limit=0.2"], ["supervision.monitors.missing=null"])
+    ]
+    assert hints == ["a jump over 200 ms leaves a gap: the supervisor trips by missing", ""]
 
 
 @pytest.mark.parametrize(
@@ -155,6 +187,7 @@ def test_value_that_is_not_allowed_is_named_with_what_is(name: str, value: Any, 
 def test_kill_and_restart_are_there_only_where_a_launcher_reads_them() -> None:
     case = load_case("two_area_deployment")
     asked = {launched: set(controls.controls(case, launched=launched)) for launched in (True, False)}
+    assert set(controls.controls(case, launched=True, again=True)) - asked[True] == {"run/again"}
     more = asked[True] - asked[False]
     assert more == {f"nodes/{node}/{what}" for node in names.replaceable(case) for what in ("kill", "restart")}
     assert not any(

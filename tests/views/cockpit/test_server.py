@@ -228,6 +228,64 @@ def test_client_gets_events_and_state_of_before(client: TestClient, cockpit: app
     assert (status["run"], status["counts"]["deadline_misses"], status["modes"]) == ("paused", 3, [None])
 
 
+def test_later_client_gets_the_values_since_the_first_tick_thinned_in_bounded_memory(
+    client: TestClient, cockpit: application.Cockpit
+) -> None:
+    """Two hours at 20 values a second: the first, the newest minute in full, never a long step."""
+    assert client.portal is not None
+    times, largest = np.arange(144_000, dtype="<f4") / 20, 0
+    for time_s in times:
+        cockpit.frame(time_s.tobytes())
+        largest = max(largest, len(cockpit._history))
+    assert largest < 2700
+    with client.websocket_connect(SOCKET, headers=OWN) as session:
+        assert heard(session, "layout")
+        got = np.frombuffer(session.receive_bytes(), "<f4")
+    assert (got[0], got[-1]) == (0.0, times[-1])
+    np.testing.assert_array_equal(got[-900:], times[-900:])
+    steps = np.diff(got)
+    assert steps.min() > 0.0
+    assert steps.max() < 2.5 * times[-1] / len(got[:-900])
+    client.portal.call(cockpit.begin, application.Content({**LAYOUT, "run": 2}))
+    with client.websocket_connect(SOCKET, headers=OWN) as session:  # nothing of the run before
+        assert heard(session, "layout")["run"] == 2
+        session.send_json({"id": 1, "control": "run/report"})
+        assert session.receive_json()["type"] == "answer"
+
+
+def test_preset_moves_its_control_while_the_run_goes_on_until_a_hand_does(
+    client: TestClient, cockpit: application.Cockpit, asked: Asked, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(controls, "GROWTH", (10.0, 400.0, 0.01))
+    assert client.portal is not None
+
+    def delays(count: int) -> list[float]:
+        deadline = time.monotonic() + 20.0
+        while len(asked) < count:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        return [1e3 * json.loads(request.content)["up"][-1].get("delay", np.nan) for request, _ in asked]
+
+    with client.websocket_connect(SOCKET, headers=OWN) as session:
+        session.send_json({"id": 1, "control": "preset/delay"})
+        assert heard(session, "answer")["success"]
+        time.sleep(0.1)
+        assert asked == []  # it does not run yet
+        client.portal.call(cockpit.status, {"run": "running"})
+        assert delays(3)[:3] == pytest.approx([10.0, 20.0, 30.0])
+        for _, answer in list(asked):
+            client.portal.call(answer, True, "")
+        session.send_json({"id": 2, "control": "link/wan_link/delay", "value": 5.0})
+        while delays(1)[-1] != pytest.approx(5.0):
+            time.sleep(0.01)
+        count = len(asked)
+        time.sleep(0.1)
+        assert len(asked) == count
+        session.send_json({"id": 3, "control": "preset/cut"})
+        delays(count + 1)
+        assert json.loads(asked[-1][0].content)["up"][-1]["loss"] == 1.0
+
+
 def test_client_that_does_not_read_costs_little_and_delays_nobody(
     table: Any, asked: Asked, monkeypatch: pytest.MonkeyPatch
 ) -> None:

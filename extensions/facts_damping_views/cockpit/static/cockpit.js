@@ -7,7 +7,7 @@ import { clock, html, set, shown } from "./dom.js";
 
 const LONGEST = 500; // lines of the event log
 const GAP = 1; // s without values, over which charts draw no line
-const [FULL, OLDER] = [900, 1800]; // rows: the newest, which all stay, and the older ones of which every second goes when there are more
+const [FULL, OLDER] = [900, 1800]; // most rows: the newest, which all stay, and older ones, of which half stay when there are so many
 const WAITS = [0.5, 1, 2, 4, 8]; // s, before the socket is opened again
 const find = (id) => document.getElementById(id);
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -57,7 +57,7 @@ function build(layout) {
 function buildPanel(panel, mode, first) {
   const node = find("panel").content.cloneNode(true).firstElementChild;
   const part = (name) => node.querySelector(`[data-part=${name}]`);
-  const view = { ...panel, events: [], rows: [], bases: new Map(), node, log: part("log"), modes: part("modes"), scale: part("scale") };
+  const view = { ...panel, events: [], rows: [], older: 0, apart: 0, bases: new Map(), node, log: part("log"), modes: part("modes"), scale: part("scale") };
   part("name").append(panel.name, html("a", { href: `report/${encodeURIComponent(panel.name)}`, target: "_blank" }, "report"));
   part("name").hidden = mode === "live";
   node.setAttribute("aria-label", panel.name);
@@ -90,12 +90,25 @@ function put(panel, row, newest) {
   if (last && row[0] < last[0]) forget(panel); // another run
   else if (last && newest && row[0] > last[0] + GAP) rows.push(new Float32Array(row.length).fill(NaN).fill(last[0], 0, 1)); // a gap
   rows.push(row);
-  if (rows.length >= FULL + OLDER) rows.splice(0, OLDER, ...rows.slice(0, OLDER).filter((_, k) => k % 2 === 0));
+  if (rows.length - panel.older > FULL) keep(panel);
   [state.time, state.lag] = row;
 }
 
+/** Keep the oldest of the newest rows, unless it is too near to the row before; half of the older ones if they are many. */
+function keep(panel) {
+  const { rows, older: k } = panel;
+  if (k && rows[k][0] - rows[k - 1][0] < panel.apart) rows.splice(k, 1);
+  else panel.older += 1;
+  if (panel.older < OLDER) return;
+  panel.apart = (2 * (rows[OLDER - 1][0] - rows[0][0])) / OLDER;
+  const kept = [];
+  for (const row of rows.slice(0, OLDER)) if (!kept.length || row[0] - kept.at(-1)[0] >= panel.apart) kept.push(row);
+  rows.splice(0, OLDER, ...kept);
+  panel.older = kept.length;
+}
+
 function forget(panel) {
-  panel.rows.length = 0;
+  panel.rows.length = panel.older = panel.apart = 0;
   panel.bases.clear();
 }
 
