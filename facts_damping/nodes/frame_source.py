@@ -67,7 +67,7 @@ class FrameSource:
         self._to_all = node.create_publisher(PlantState, PLANT_STATE, PUBLISHER_QOS)
         self.to_events = node.create_publisher(GridEvent, "plant/events", PUBLISHER_QOS)
         self._to_state = node.create_publisher(RunState, RUN_STATE, LATCHED)
-        self.ticks = options.ticks(case)
+        self.ticks = case.ticks if options.ends(case) else sys.maxsize
         self.answered: dict[str, int] = {}  # tick of the newest answer, by node
         self._reported_s = -PROGRESS_S
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -137,7 +136,7 @@ class Recorder:
     def ready(self) -> None:
         """Open the recording."""
         self.member.log_started()
-        endless = {"duration": None} if self.options.ticks(self.case) == sys.maxsize else {}
+        endless = {} if self.options.ends(self.case) else {"duration": None}
         self.writer = RecordingWriter(self.folder, dump(self.case.document() | endless), versions("mcap", "rclpy"))
         for name, kind in self.topics.items():
             self.writer.add_topic(name, kind)

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 
-RUN = ("cockpit", "two_area_deployment", "--supervised", "--port", "0", "--set", "duration=120")
+RUN = ("cockpit", "two_area_deployment", "--supervised", "--port", "0")
 DELAY_S, LATER_S = 8.0, 12.0  # when the delay changes, and how long after that the picture is taken
 
 

@@ -139,7 +139,7 @@ def _wrong_sign(case: Case, wrong: Any, values: Values) -> Request:
         return _linked(case, case.used_links[0], wrong, values)
     gain: Any = case.controllers[0].parameters["gain"]
     sign = -1.0 if wrong else 1.0
-    value = [sign * one for one in gain] if isinstance(gain, list) else sign * gain
+    value = [sign * of_device for of_device in gain] if isinstance(gain, list) else sign * gain
     return Request(PARAMETER, f"{names.controller_addresses(case)[0]}/set_parameters", ("gain", value))
 
 

@@ -89,5 +89,6 @@ class Services:
 def _answer(response: Any) -> tuple[bool, str]:
     """Success and message of a service."""
     if hasattr(response, "results"):  # of parameters
-        return all(one.successful for one in response.results), "; ".join(one.reason for one in response.results)
+        reasons = "; ".join(result.reason for result in response.results)
+        return all(result.successful for result in response.results), reasons
     return bool(response.success), str(response.message)

@@ -72,7 +72,7 @@ class MessageFilter:
         users = zip(controller_addresses(case), case.controllers, strict=True)
         # Topics by whose publishers a node knows its peers: its own nodes', and those of users' nodes.
         self._of_peers = [REFUSALS, *(f"{address}/setpoints" for address, row in users if kind_of(row).node)]
-        self._last = sys.maxsize if options.free else options.ticks(case) - 1  # last tick that the run can have
+        self._last = case.ticks - 1 if options.ends(case) and not options.free else sys.maxsize  # last tick
         self._graph = graph
         self.senders = Publishers(node, options, graph)
         self._subscriptions: list[Subscription[Any]] = []  # subscriptions made here

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from array import array
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -55,8 +54,8 @@ class Options:
     start_timeout: float
     recorder: bool
     view: bool
-    endless: bool = False
     join: bool = False
+    endless: bool = False
 
     @property
     def paced(self) -> bool:
@@ -73,9 +72,9 @@ class Options:
         """Whether the first message that a node receives may be of any tick."""
         return self.join or self.free
 
-    def ticks(self, case: Case) -> int:
-        """Number of ticks of a run; `sys.maxsize`: it has no end."""
-        return sys.maxsize if self.endless or (self.free and case.run.duration is None) else case.ticks
+    def ends(self, case: Case) -> bool:
+        """Whether a run ends after its duration."""
+        return not (self.endless or (self.free and case.run.duration is None))
 
     def patience(self, tick: int) -> float:
         """Longest wait for an answer to a tick, s; longer for the first ticks, when nodes may still be starting."""

@@ -13,18 +13,8 @@ from facts_damping.errors import InputError, RunError
 from facts_damping.interruption import clean_up_first
 from facts_damping.nodes import clock
 from facts_damping.nodes.base import lines
+from facts_damping.nodes.launching import starting
 from facts_damping.nodes.launching.processes import start_again
-from facts_damping.nodes.launching.starting import (
-    ALONE,
-    COCKPIT,
-    POLL_S,
-    RECORDER,
-    SOURCES,
-    VIEWS,
-    Parts,
-    started,
-    stop,
-)
 from facts_damping.parameters.files import new_folder
 from facts_damping.parameters.security import read_keys
 
@@ -61,7 +51,7 @@ def run(
     progress: Callable[[int, int], None],
     timeout: float = 5.0,
     look: Callable[[int, dict[str, Process]], None] | None = None,
-    parts: Parts = ALONE,
+    parts: starting.Parts = starting.ALONE,
 ) -> Outcome:
     """Run a case as a graph of processes; the recording is `out / "recording"`.
 
@@ -74,8 +64,8 @@ def run(
     check(case, out, parts)
     new_folder(out)
     began, fallen = clock.monotonic(), dict[str, str]()
-    with started(case, mode, out, timeout, parts) as running:
-        plant = next(running[name] for name in SOURCES if name in running)
+    with starting.started(case, mode, out, timeout, parts) as running:
+        plant = next(running[name] for name in starting.SOURCES if name in running)
         ticks, reported_s = lines.Ticks(0, 0, 0), clock.monotonic() + FIRST_S
         while plant.process.exitcode is None:
             for ticks in plant.progress():
@@ -84,12 +74,12 @@ def run(
                 progress(ticks.newest, ticks.of)
             if look is not None:
                 look(ticks.newest, running)
-            if COCKPIT in running and mode == "realtime":
-                obey(running, replaceable(case), running[COCKPIT].read())
+            if starting.COCKPIT in running and mode == "realtime":
+                obey(running, replaceable(case), running[starting.COCKPIT].read())
             _check_others(running, fallen if ticks.newest > 1 and mode == "realtime" else None)
             if clock.monotonic() - reported_s > timeout + MORE_S:
                 raise RunError(f"{plant.name} is silent: no progress within {timeout + MORE_S:g} s")
-            clock.sleep(POLL_S)
+            clock.sleep(starting.POLL_S)
         if plant.failed():
             _check_others(running, fallen if ticks.newest > 1 and mode == "realtime" else None)
             raise plant.failure()
@@ -98,13 +88,13 @@ def run(
         # A node that ended earlier gives the reason, such as a second graph in the same domain.
         _check_others(running, fallen if mode == "realtime" else None)
         wall_s = clock.monotonic() - began
-        stop(running)
+        starting.stop(running)
         return _outcome(out, running, ticks, wall_s, list(fallen.values()))
 
 
 def _outcome(out: Path, running: dict[str, Process], ticks: lines.Ticks, wall_s: float, fallen: list[str]) -> Outcome:
     """What the nodes of a graph, which have ended, have said. Raises `RunError` if the recorder has failed."""
-    recorder = running[RECORDER]
+    recorder = running[starting.RECORDER]
     if recorder.failed():
         raise recorder.failure()
     times = {name.rpartition("/")[2]: process.step_times() for name, process in running.items()}
@@ -120,7 +110,7 @@ def _outcome(out: Path, running: dict[str, Process], ticks: lines.Ticks, wall_s:
     )
 
 
-def check(case: Case, out: Path, parts: Parts) -> None:
+def check(case: Case, out: Path, parts: starting.Parts) -> None:
     """Raise `InputError` before anything starts: for a folder in use, a domain, a program, keys."""
     check_domain((parts.environment or os.environ).get("ROS_DOMAIN_ID", "0"))
     if (out / "recording").exists():
@@ -159,10 +149,11 @@ def _check_others(running: dict[str, Process], fallen: dict[str, str] | None = N
 
     `fallen`: if given, takes the reasons of ended nodes, and the run goes on; except if the recorder has ended.
     """
-    ended = [p for name, p in running.items() if name not in (*SOURCES, *VIEWS) and p.process.exitcode is not None]
+    apart = (*starting.SOURCES, *starting.VIEWS)
+    ended = [p for name, p in running.items() if name not in apart and p.process.exitcode is not None]
     if fallen is not None:
-        fallen |= {p.name: p.reason() for p in ended if p.name != RECORDER}
-        ended = [p for p in ended if p.name == RECORDER]
+        fallen |= {p.name: p.reason() for p in ended if p.name != starting.RECORDER}
+        ended = [p for p in ended if p.name == starting.RECORDER]
     if ended:
         killed = [p for p in ended if (p.process.exitcode or 0) < 0]
         raise (killed or ended)[0].failure()

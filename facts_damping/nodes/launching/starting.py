@@ -72,9 +72,8 @@ def started(case: Case, mode: str, out: Path, timeout: float, parts: Parts = ALO
     run_file = out / RUN_FILE
     unsigned = {} if parts.replayed is None else {"security": None}  # a recording has no keys
     run_file.write_text(dump(case.document() | unsigned), encoding="utf-8")
-    viewed = parts.watched or parts.view_port is not None or parts.cockpit is not None
-    common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "view": viewed}
-    common["endless"] = parts.endless
+    common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "endless": parts.endless}
+    common["view"] = parts.watched or parts.view_port is not None or parts.cockpit is not None
     running: dict[str, Process] = {}
 
     def begin(name: str, node: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> None:

@@ -240,12 +240,12 @@ def test_later_client_gets_the_values_since_the_first_tick_thinned_in_bounded_me
     assert largest < 2700
     with client.websocket_connect(SOCKET, headers=OWN) as session:
         assert heard(session, "layout")
-        got = np.frombuffer(session.receive_bytes(), "<f4")
-    assert (got[0], got[-1]) == (0.0, times[-1])
-    np.testing.assert_array_equal(got[-900:], times[-900:])
-    steps = np.diff(got)
+        values = np.frombuffer(session.receive_bytes(), "<f4")
+    assert (values[0], values[-1]) == (0.0, times[-1])
+    np.testing.assert_array_equal(values[-900:], times[-900:])
+    steps = np.diff(values)
     assert steps.min() > 0.0
-    assert steps.max() < 2.5 * times[-1] / len(got[:-900])
+    assert steps.max() < 2.5 * times[-1] / len(values[:-900])
     client.portal.call(cockpit.begin, application.Content({**LAYOUT, "run": 2}))
     with client.websocket_connect(SOCKET, headers=OWN) as session:  # nothing of the run before
         assert heard(session, "layout")["run"] == 2
