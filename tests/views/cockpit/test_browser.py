@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import subprocess
 import sys
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.monitor_table import STATES
@@ -19,7 +21,6 @@ from tests.views.cockpit.serving import serving
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 pytestmark = inputs(
     contents=[
@@ -111,6 +112,16 @@ def browser(folder: Path, command: list[str], sets: tuple[str, ...]) -> Iterator
         page_of_run.status, page_of_run.output = run.returncode, rest
 
 
+def plant_of(folder: Path) -> int:
+    """Process number of the plant of a graph, by its folder."""
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):  # it may have ended
+            command = path.read_text()
+            if command.startswith("facts_damping.nodes.plant_sim") and f"{folder}/run.yaml" in command:
+                return int(path.parent.name)
+    raise AssertionError(f"no plant of {folder}")
+
+
 @needs_browser
 def test_delay_makes_the_swing_grow_until_the_supervisor_trips(domain: int, tmp_path: Path) -> None:
     """By keyboard alone, in lockstep; the link is cut and mended, too. The recording has all of it."""
@@ -172,7 +183,7 @@ def test_link_on_another_site_opens_the_page() -> None:
 
 @needs_browser
 def test_page_stays_after_the_end_of_its_run_and_starts_it_again(domain: int, tmp_path: Path) -> None:
-    """A node is killed and restarted, a long fault ends the run, `again` starts another; Ctrl-C ends that."""
+    """A node is killed and restarted, a long fault ends the run; `again` starts another, whose plant is killed."""
     with browser(tmp_path, ["cockpit", *RUN, "--port", "0"], CALM) as page:
         page.until("time > 1")
         page.page.reload()
@@ -194,11 +205,13 @@ def test_page_stays_after_the_end_of_its_run_and_starts_it_again(domain: int, tm
         page.press("run/again", "Enter")
         page.until("status.run === 'running' && time > 0 && status.values['preset/sign'] === undefined")
         assert page.page.locator("#over").inner_text() == ""
+        os.kill(plant_of(tmp_path / "run_2"), signal.SIGKILL)
+        page.until("status.run === 'ended'")
+        assert "its nodes no longer answer" in page.page.locator("#over").inner_text()
     first, second = (load(folder / "recording") for folder in (tmp_path, tmp_path / "run_2"))
     assert [joined.node for joined in first.joined] == [NODE]
     assert [(change.name, change.kind) for change in first.changes if change.name == "gain"] == [("gain", "parameter")]
     assert not first.in_synchronism[-1]
-    assert second.notes == []
     assert second.in_synchronism.all()
     assert page.status == 128 + signal.SIGTERM
     assert "the run has ended: synchronism lost" in page.output
