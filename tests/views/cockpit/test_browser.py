@@ -189,6 +189,8 @@ def test_page_stays_after_the_end_of_its_run_and_starts_it_again(domain: int, tm
         page.page.reload()
         page.page.wait_for_selector("#run:has-text('running')")
         page.until("panels[0].rows.length > 20 && panels[0].rows[0][0] === 0")  # from the first tick on
+        page.press("preset/sign", "Space")
+        page.page.wait_for_selector(".group.preset output:has-text('done')", timeout=PATIENCE_MS)
         page.page.locator("summary", has_text="Nodes").press("Enter")
         page.press(f"nodes/{NODE}/kill", "Enter")
         page.until(f"status.nodes['{NODE}'] === 'dead'")
@@ -196,7 +198,6 @@ def test_page_stays_after_the_end_of_its_run_and_starts_it_again(domain: int, tm
         page.until(f"status.nodes['{NODE}'] === 'alive'")
         again = page.page.locator("[data-control='run/again']")
         assert again.is_disabled()
-        page.press("preset/sign", "Space")
         page.press("grid/fault", "Tab", "Control+a", "1", "Enter")
         page.until("status.run === 'ended'")
         assert page.page.locator("#over").inner_text().startswith("The run has ended: synchronism lost at")
