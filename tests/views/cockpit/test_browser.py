@@ -130,7 +130,21 @@ def test_delay_makes_the_swing_grow_until_the_supervisor_trips(domain: int, tmp_
         page.until("status.cut.length === 0")
         page.press("grid/line", "Tab", "Tab", "Enter")
         page.page.wait_for_selector(".branch.out", state="attached", timeout=PATIENCE_MS)
-        assert "tripped" in page.page.locator("[data-part='log']").inner_text()
+        log = page.page.locator("[data-part='log']").inner_text()
+        assert "tripped" in log
+        assert log.count("added delay 300 ms") == 1
+        assert "added delay 400 ms, cut" not in log
+        assert "wan_link: cut, added delay 400 ms" in log
+        page.press(f"supervisor/{NODE}/reset", "Enter")
+        page.until(f"status.states['{NODE}'] === 'shadow'")
+        out = "[...document.querySelectorAll('.branch.out')].map((node) => node.textContent)"
+        wanted = page.page.evaluate(out)
+        assert len(wanted) == 1  # a supervisor's reset puts no line into service
+        page.page.reload()
+        page.page.wait_for_selector(".branch.out", state="attached", timeout=PATIENCE_MS)
+        assert page.page.evaluate(out) == wanted
+        page.press("run/reset", "Enter")
+        page.page.wait_for_selector(".branch.out", state="detached", timeout=PATIENCE_MS)
     assert 0.0 < 2.0 * swings[0] < swings[1]
     record = load(tmp_path / "recording")
     delays = [change.value["up"][-1].get("delay") for change in record.changes if change.kind == "link"]
