@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,12 +16,14 @@ from facts_damping.analysis.measures import event_times, speed_differences
 from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.analysis.summary import as_json
 from facts_damping.errors import InputError
+from facts_damping.findings import findings
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from facts_damping.analysis.summary import Summary
     from facts_damping.record import Record
 
 KEYS = {
@@ -61,6 +65,43 @@ def test_growing_run(swing_record: Callable[..., Record]) -> None:
     assert summary.stable is True
     assert summary.damped is False
     assert summary.settling_time_s is None
+
+
+def verdict_line(record: Record, summary: Summary) -> str:
+    record.configuration["link"] = {"name": "ideal"}  # for the title
+    return findings(record, summary, None)[1]
+
+
+@pytest.mark.parametrize("growth", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("decay", [0.05, 0.3])
+def test_growing_run_is_told_by_its_growing_mode(
+    swing_record: Callable[..., Record], growth: float, decay: float
+) -> None:
+    """A strong 1.1 Hz mode decays, a weak one of 0.5 Hz grows; and the reverse, where the strongest one is growing."""
+    record = swing_record()
+    t = np.maximum(record.time_s - 1.0, 0.0)
+    strong, weak = (1e-3 * np.exp(rate * t) * np.sin(2 * np.pi * f * t) for rate, f in ((-decay, 1.1), (growth, 0.5)))
+    for size in (0.05, 2.0):
+        record.frames[:, 0, 2], record.frames[:, 1, 2] = strong + size * weak, -strong - size * weak
+        summary = summarise(record)
+        line = verdict_line(record, summary)
+        if summary.verdict == "growing":
+            assert summary.deciding_mode is not None
+            assert summary.deciding_mode.growth_per_s == pytest.approx(growth, rel=0.05)
+            assert re.fullmatch(r"growing; damping ratio -\d+\.\d % at 0.50 Hz", line)
+        elif summary.verdict == "damped":
+            assert line.startswith("damped; damping ratio ")
+            assert "-" not in line
+        else:
+            assert line.startswith(f"{summary.verdict}: ")
+    assert summary.verdict == "growing"
+
+
+def test_growth_without_a_mode_that_grows_is_told_by_its_rate(swing_record: Callable[..., Record]) -> None:
+    record = swing_record(damping=-0.1)
+    summary = summarise(record)
+    known = replace(summary, modes=[mode._replace(damping_ratio=0.05) for mode in summary.modes])
+    assert verdict_line(record, known) == "growing: it grows by 0.1 1/s in w12"
 
 
 def test_unstable_run(swing_record: Callable[..., Record]) -> None:

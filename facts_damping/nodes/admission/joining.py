@@ -33,7 +33,8 @@ class Joining:
     def on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Arm the node from the next tick on: the same as `activate`."""
         response.success = self._began and not self._wanted
-        response.message = "armed" if response.success else "it is armed" if self._began else "it has not begun yet"
+        refused = "it acts already" if self._began else "it has not begun yet"
+        response.message = "it acts from the next tick on" if response.success else refused
         if response.success:
             self._node.trigger_activate()
         return response
