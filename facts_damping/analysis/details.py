@@ -65,16 +65,13 @@ def lines(
         fit = summary.ringdown
         text = "no modes" if fit is None else f"{fit.order} poles, {fit.snr_db:.1f} dB over the residual"
         duty = (f"{device} {100 * part:.1f} % of the frames" for device, part in summary.saturation_duty.items())
-        yield f"{name}: {'; '.join([text, *duty])}"
+        yield from (f"{name}:", f"  {'; '.join([text, *duty])}")
         yield from (f"  {_mode(mode)}" for mode in summary.modes)
     rows = []
     for name, detail in zip(names, details, strict=True):
         hops = [(hop, values, who) for hop in PARTS for values, who in alike(detail.latency_hops_ms[hop]).items()]
         rows += [[name, "", "", "", ""]] if hops and len(names) > 1 else []
-        rows += [
-            [f"  {hop}, {HOPS[hop]}, {together(who)}", *(f"{value:.2f}" for value in values)]
-            for hop, values, who in hops
-        ]
+        rows += [[f"  {hop}, {HOPS[hop]}, {together(who)}", *(f"{v:.2f}" for v in values)] for hop, values, who in hops]
     if rows:
         yield ""
         yield from table(["latency by hop [ms]", "mean", "50 %", "99 %", "max"], rows, widest=WIDEST)

@@ -12,31 +12,29 @@ from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
+    from collections.abc import Set as AbstractSet
 
     from facts_damping.record import GridEvent, Record, RunChange
 
-STATES = LINE, MACHINE, FAULT, FORCED = "line out", "machine out", "fault", "forced"
-KINDS = {  # what an event puts an element into, or takes it out of
-    "line_out": (LINE, True),
-    "line_in": (LINE, False),
-    "generator_trip": (MACHINE, True),
-    "fault": (FAULT, True),
-    "clear": (FAULT, False),
-    "forced_oscillation": (FORCED, True),  # with an amplitude of 0: False
+LINE, MACHINE, FAULT, FORCED = range(4)  # what an element may be in: fields of a GridState
+KINDS = {  # what an event puts an element into or, with -1, takes it out of
+    "line_out": (LINE, 1),
+    "line_in": (LINE, -1),
+    "generator_trip": (MACHINE, 1),
+    "fault": (FAULT, 1),
+    "clear": (FAULT, -1),
+    "forced_oscillation": (FORCED, 1),  # it ends by one of amplitude 0
 }
 
 
 class GridState(NamedTuple):
-    """What differs from the start, from a time on: names of lines and transformers, machines, places of faults.
-
-    `forced`: machines and loads with a forced oscillation. A fault on a line that is out is none.
-    """
+    """What differs from the start, by name, from a time on; a fault on a line that is out is none."""
 
     time_ns: int = 0
-    lines_out: frozenset[str] = frozenset()
-    machines_out: frozenset[str] = frozenset()
-    faults: frozenset[str] = frozenset()
-    forced: frozenset[str] = frozenset()
+    lines_out: AbstractSet[str] = frozenset()  # and transformers
+    machines_out: AbstractSet[str] = frozenset()
+    faults: AbstractSet[str] = frozenset()  # buses and lines
+    forced: AbstractSet[str] = frozenset()  # machines and loads with a forced oscillation
 
 
 def grid_states(events: Iterable[GridEvent], resets_ns: Iterable[int]) -> list[GridState]:
@@ -46,17 +44,15 @@ def grid_states(events: Iterable[GridEvent], resets_ns: Iterable[int]) -> list[G
     """
     steps: list[tuple[int, GridEvent | None]] = [(time_ns, None) for time_ns in resets_ns]
     steps += [(event.time_ns, event) for event in events if event.kind in KINDS]
-    states, counts = [GridState()], Counter[tuple[str, str]]()
+    states, counts = [GridState()], Counter[tuple[int, str]]()
     for time_ns, event in sorted(steps, key=lambda step: step[0]):
         if event is None:
             counts.clear()
         else:
-            what, begins = KINDS[event.kind]
-            step = 1 if begins and event.value != 0.0 else -1  # NaN: no value belongs to the kind
-            counts[what, event.element] = max(0, counts[what, event.element] + step)
-        lines, machines, faults, forced = (
-            frozenset(name for (of, name), n in counts.items() if of == what and n) for what in STATES
-        )
+            field, step = KINDS[event.kind]
+            place = field, event.element
+            counts[place] = max(0, counts[place] + (step if event.value != 0.0 else -1))  # NaN: it has no value
+        lines, machines, faults, forced = ({e for (k, e), n in counts.items() if n and k == i} for i in range(4))
         states.append(GridState(time_ns, lines, machines, faults - lines, forced))
     return states
 
@@ -72,7 +68,7 @@ def states_of(record: Record) -> list[GridState]:
     return grid_states(record.events, [time_ns for time_ns in resets if time_ns is not None])
 
 
-def islands(system: Mapping[str, Any], lines_out: frozenset[str]) -> list[list[str]]:
+def islands(system: Mapping[str, Any], lines_out: AbstractSet[str]) -> list[list[str]]:
     """Connected groups of buses, the largest first; `system`: as configured, as data.
 
     Series devices always connect; an HVDC link does not.

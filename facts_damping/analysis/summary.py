@@ -98,13 +98,10 @@ class Oscillation:
     @property
     def deciding_mode(self) -> ModeFit | None:
         """The mode that the verdict is of: the strongest, if `growing` the one with that growth; None: none agrees."""
-        if self.verdict not in (DAMPED, GROWING):
-            return self.modes[0] if self.modes else None
-        agreeing = [mode for mode in self.modes if (mode.damping_ratio < 0.0) == (self.verdict == GROWING)]
-        if self.growth_per_s is None or self.verdict == DAMPED:
-            return agreeing[0] if agreeing else None
-        growth = self.growth_per_s.value
-        return min(agreeing, key=lambda mode: abs(mode.growth_per_s - growth), default=None)
+        grows, settled = self.verdict == GROWING, self.verdict in (DAMPED, GROWING)
+        agreeing = [mode for mode in self.modes if not settled or (mode.damping_ratio < 0.0) == grows]
+        growth = self.growth_per_s.value if grows and self.growth_per_s else None
+        return min(agreeing, key=lambda mode: 0.0 if growth is None else abs(mode.growth_per_s - growth), default=None)
 
 
 @dataclass(frozen=True, kw_only=True)

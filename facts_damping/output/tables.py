@@ -6,6 +6,7 @@ import csv
 import io
 import itertools
 import textwrap
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def table(
     while widest is not None and sum(widths) + 2 * (len(widths) - 1) > widest and max(widths) > NARROWEST:
         widths[widths.index(max(widths))] -= 1
     rules = [["-" * width for width in widths]] if rule else []
+    wrapped = partial(textwrap.wrap, subsequent_indent="  ", break_on_hyphens=False)
     shown = [cells[0], *rules, *cells[1:]] if any(titles) else cells[1:]
     return [
         "  ".join(
@@ -45,15 +47,8 @@ def table(
             for column, (cell, line, width) in enumerate(zip(row, lines, widths, strict=True))
         ).rstrip()
         for row in shown
-        for lines in itertools.zip_longest(*map(_wrapped, row, widths), fillvalue="")
+        for lines in itertools.zip_longest(*map(wrapped, row, widths), fillvalue="")
     ]
-
-
-def _wrapped(cell: str, width: int) -> list[str]:
-    """Lines of a cell, the later ones indented."""
-    if len(cell) <= width:
-        return [cell]
-    return textwrap.wrap(cell, width, subsequent_indent="  ", break_on_hyphens=False)
 
 
 def as_csv(titles: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +13,15 @@ import pytest
 from matplotlib.image import imread
 
 from facts_damping.analysis import summarise, table
+from facts_damping.analysis.details import details, lines
 from facts_damping.analysis.measures import event_times, speed_differences
 from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.analysis.summary import as_json
+from facts_damping.analysis.supervision import StateChange, SupervisorHistory, history_text
 from facts_damping.errors import InputError
 from facts_damping.findings import findings
+from facts_damping.monitor_table import STATES
+from facts_damping.output.tables import WIDEST
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH
 
 if TYPE_CHECKING:
@@ -154,6 +159,25 @@ def test_table(swing_record: Callable[..., Record]) -> None:
     assert lines[0].split() == ["calm", "lost"]
     assert lines[2].split() == ["in", "synchronism", "yes", "no"]
     assert any(line.startswith("ITAE") and line.endswith(" -") for line in lines)
+
+
+def test_tables_fit_a_terminal_and_lose_nothing(swing_record: Callable[..., Record]) -> None:
+    """Titles of 90 characters, and a supervisor with a long history, of one run and of three."""
+    changes = [StateChange(state, 1.0, "growing", 0.22, 0.15, "1/s") for state in STATES]
+    history = SupervisorHistory("controller_0_LLC_tuned", "tripped", {}, changes, 1, [], None)
+    record = swing_record()
+    summary = replace(summarise(record), supervision=[history])
+    names = [f"run {i} of {'a name that is as long as a title of a run, ' * 2}" for i in range(3)]
+    for count in (1, 3):
+        shown = [*table([(name, summary) for name in names[:count]]).splitlines()]
+        parts = [details(record)._replace(improvement_percent={"ITAE": 1.0})] * count
+        shown += [line for text in lines(names[:count], [summary] * count, parts, 0) for line in text.splitlines()]
+        assert max(map(len, shown)) <= WIDEST
+        words = Counter(" ".join(shown).split())
+        wanted = Counter(" ".join([*names[:count], *[history_text(history)] * count]).split())
+        assert wanted <= words
+    first = table([("", summary)]).splitlines()[0]
+    assert first.split() == ["in", "synchronism", "yes"]
 
 
 def test_pictures(tmp_path: Path, swing_record: Callable[..., Record]) -> None:

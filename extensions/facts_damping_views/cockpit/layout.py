@@ -14,7 +14,7 @@ from facts_damping.devices.table import KINDS
 from facts_damping.monitor_table import COUNTED, MONITORS
 from facts_damping.parameters.supervision import watches
 from facts_damping.plant.grid.network import Topology, admittance, at_rest, branches, device_section
-from facts_damping.small_signal.bus_places import places
+from facts_damping_views.bus_places import places
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
