@@ -130,7 +130,7 @@ def supervisor(controller: str, state: str, cause: str) -> str:
 
 
 class Story:
-    """The events of a run as the page shows them, told as they come, and what they leave out, released or dead."""
+    """The events of a run as the page shows them, as they come, and what they leave out, released or dead."""
 
     def __init__(self, case: Case) -> None:
         self._case, self._system = case, case.system.model_dump(by_alias=True)
@@ -229,7 +229,7 @@ class Story:
 
 def of_record(case: Case, record: Record) -> list[Event]:
     """All events of a record by time, each with what is out of service and released from then on."""
-    story, rate, told = Story(case), record.frame_rate, list[Event]()
+    story, rate, log = Story(case), record.frame_rate, list[Event]()
     steps: list[tuple[int, int, Callable[[], list[Event]]]] = []  # time, order at that time, what happens
 
     def add(time_ns: int, order: int, take: Callable[..., list[Event]], *arguments: Any) -> None:
@@ -249,7 +249,7 @@ def of_record(case: Case, record: Record) -> list[Event]:
             add(row["tick"] * NANOSECONDS // rate, 3, story.on_supervision, row["tick"] / rate, *what)
     for _, _, happens in sorted(steps, key=lambda step: step[:2]):
         for new in happens():
-            if told and replaces(new, told[-1]):
-                told.pop()
-            told.append(new | story.shown())
-    return told
+            if log and replaces(new, log[-1]):
+                log.pop()
+            log.append(new | story.shown())
+    return log

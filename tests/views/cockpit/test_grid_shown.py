@@ -69,7 +69,7 @@ class DrawnRun:
         self.due = grid_events(case)
         self.topologies: list[TopologyInterval] = []  # of each tick
         self.listed: list[TopologyInterval] = []
-        self.told: Case | None = None  # the case of `listed`
+        self.listed_of: Case | None = None  # the case of `listed`
 
     def tick(self, tick: int) -> list[RunChange | GridEvent]:
         """Changes at a tick, then what the plant publishes."""
@@ -82,8 +82,8 @@ class DrawnRun:
         happen = [event for event in self.due if event.time_ns <= at]
         self.due = self.due[len(happen) :]
         self.passed += happen
-        if self.now is not self.told:
-            self.told, self.listed = self.now, topology_intervals(self.now.system, self.now.scenario.events)
+        if self.now is not self.listed_of:
+            self.listed_of, self.listed = self.now, topology_intervals(self.now.system, self.now.scenario.events)
         self.topologies.append([interval for interval in self.listed if interval.start_ns <= at][-1])
         return [*messages, *happen]
 

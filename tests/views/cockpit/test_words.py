@@ -72,8 +72,8 @@ def test_change_of_a_link_is_told_by_its_difference_to_the_run(case: Case, value
 def test_changes_are_told_with_unit_and_only_once(
     case: Case, role: str, kind: str, name: str, value: Any, text: str | None
 ) -> None:
-    told = words.change(case, RunChange(60, "/node", role, 0, kind, name, value))
-    assert told == (None if text is None else f"node: {text}")
+    line = words.change(case, RunChange(60, "/node", role, 0, kind, name, value))
+    assert line == (None if text is None else f"node: {text}")
 
 
 def test_drawn_slider_leaves_its_last_value(case: Case) -> None:
@@ -98,10 +98,10 @@ def test_release_and_what_it_needs_are_told_and_end() -> None:
     again = RunChange(200, "/plant_sim", "plant", 0, "rearm", "", None)
     record = rerun(case, [link_change(case, 60, cut=True), link_change(case, 150), again])
     log = words.of_record(case, record)
-    released, taken = (row for row in log if row["text"].startswith("sssc"))
+    released, back = (row for row in log if row["text"].startswith("sssc"))
     assert words.REARM in released["text"]
-    assert (released["level"], released["released"], taken["released"]) == ("warn", ["sssc"], [])
-    assert taken["t"] == pytest.approx(200 / 60, abs=0.02)
+    assert (released["level"], released["released"], back["released"]) == ("warn", ["sssc"], [])
+    assert back["t"] == pytest.approx(200 / 60, abs=0.02)
     assert controls(case)["grid/rearm"].shown["label"] == words.REARM
 
 
@@ -111,12 +111,12 @@ def test_run_that_is_not_well_says_why() -> None:
     story = words.Story(case)
     assert story.wrong() == []
     for line in ("line_3", "line_4"):
-        told = story.on_event(GridEvent(NANOSECONDS, "line_out", line))
-    assert told[-1]["text"].startswith("the grid has split: B1, B2, ")
-    told += story.on_nodes(1.0, ["wan_link"]) + story.on_devices(1.0, ["sssc"])
-    told += story.on_supervision(1.0, "controller", "tripped", "device")
-    told += story.on_frequencies(1.0, {"B1": 62.04, "B4": 58.0, "B5": float("nan")})
-    assert [event["level"] for event in told[1:]] == ["error", "error", "warn", "error", "error"]
+        events = story.on_event(GridEvent(NANOSECONDS, "line_out", line))
+    assert events[-1]["text"].startswith("the grid has split: B1, B2, ")
+    events += story.on_nodes(1.0, ["wan_link"]) + story.on_devices(1.0, ["sssc"])
+    events += story.on_supervision(1.0, "controller", "tripped", "device")
+    events += story.on_frequencies(1.0, {"B1": 62.04, "B4": 58.0, "B5": float("nan")})
+    assert [event["level"] for event in events[1:]] == ["error", "error", "warn", "error", "error"]
     split = ["the grid has split", "58.0 Hz at B4, 62.0 Hz at B1"]
     assert story.wrong() == [*split, "wan_link dead", "sssc released", "controller tripped"]
     assert story.on_nodes(2.0, [])[0]["text"] == "wan_link is alive again"
