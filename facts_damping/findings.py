@@ -11,6 +11,7 @@ from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.response import noisy, variance_ratio
 from facts_damping.analysis.supervision import history_text
+from facts_damping.analysis.verdict import DAMPED, GROWING
 from facts_damping.case.loading import recorded_case
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.simulation import loop
@@ -132,9 +133,10 @@ def _several(words: Sequence[str]) -> str:
 
 def _verdict(summary: Summary) -> str:
     """The verdict with its reason."""
-    if not summary.modes or summary.verdict not in ("damped", "growing"):
-        return f"{summary.verdict}: {summary.verdict_because}"
-    mode = summary.modes[0]
+    mode, growth = summary.deciding_mode, summary.growth_per_s
+    if summary.verdict not in (DAMPED, GROWING) or mode is None:
+        rate = f" by {growth.value:.3g} 1/s in {growth.signal}" if growth and summary.verdict == GROWING else ""
+        return f"{summary.verdict}: {summary.verdict_because}{rate}"
     return f"{summary.verdict}; damping ratio {100 * mode.damping_ratio:.1f} % at {mode.frequency_hz:.2f} Hz"
 
 

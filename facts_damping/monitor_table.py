@@ -181,6 +181,11 @@ MONITORS = {
         "undervoltage in a fault is shorter",
     ),
 }  # fmt: skip
+COUNTED = {  # monitors whose values are numbers of things, and what these are
+    "status": ("PMU", "of bad status"),
+    "non_finite": ("output", "not finite"),
+    "device": ("device", "blocked or released"),
+}
 CODES = {name: code for code, name in enumerate(MONITORS)}
 
 # Causes of a supervisor's state, beside monitors.
@@ -212,12 +217,21 @@ def cause_code(name: str) -> int:
     return CODES[name] if name in CODES else _CODES_OF_CAUSES[name]
 
 
+def counted(cause: str, value: float) -> str:
+    """A number of things in words, for a cause of COUNTED: `1 device blocked or released`."""
+    thing, how = COUNTED[cause]
+    return f"{value:.0f} {thing}{'' if value == 1.0 else 's'} {how}"
+
+
 def reason_of(row: Any, thresholds: NDArray[Any], *, refused: bool = False) -> str:
     """Text for the cause in a SUPERVISION record, or with `refused` for the refusal to arm."""
     code = int(row["refused"] if refused else row["cause"])
     if code >= 0:
         monitor = MONITORS[_NAMES[code]]
         value, limit = float(row["values"][code]), float(thresholds["limit"][code])
+        if _NAMES[code] in COUNTED:
+            then = "; re-arm released devices first" if refused and _NAMES[code] == "device" else ""
+            return f"{counted(_NAMES[code], value)}; allowed: {math.floor(limit) or 'none'}{then}"
         return f"{_NAMES[code]} ({monitor.description}): {value:.3g} {monitor.unit}; allowed: {limit:g}"
     texts = {
         NOT_PROBED: "no probe; allowed: after ~/probe",

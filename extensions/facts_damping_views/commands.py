@@ -205,7 +205,7 @@ def content(paths: list[str], records: list[Record]) -> Content:
         panel = layout.panel(case, name)
         panels.append(panel.shown)
         data[name] = samples.of_record(case, panel, record).astype("<f4").tobytes()
-        events[name] = words.of_record(record)
+        events[name] = words.of_record(case, record)
     end = max(float(record.time_s[-1]) for record in records)
     shown: dict[str, Any] = {"type": "layout", "title": ", ".join(labels), "mode": "replay", "panels": panels}
     return Content(shown | {"duration": end}, data, events, dict(zip(labels, map(str, paths), strict=True)))

@@ -9,7 +9,7 @@ from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.modes.oscillation import is_stable
 from facts_damping.analysis.modes.ringdown import COVERED
-from facts_damping.output.tables import table
+from facts_damping.output.tables import WIDEST, table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -65,22 +65,24 @@ def lines(
         fit = summary.ringdown
         text = "no modes" if fit is None else f"{fit.order} poles, {fit.snr_db:.1f} dB over the residual"
         duty = (f"{device} {100 * part:.1f} % of the frames" for device, part in summary.saturation_duty.items())
-        yield f"{name}: {'; '.join([text, *duty])}"
+        yield from (f"{name}:", f"  {'; '.join([text, *duty])}")
         yield from (f"  {_mode(mode)}" for mode in summary.modes)
-    rows = [
-        [f"{name}: {hop}, {HOPS[hop]}, {together(who)}", *(f"{value:.2f}" for value in values)]
-        for name, detail in zip(names, details, strict=True)
-        for hop in PARTS
-        for values, who in alike(detail.latency_hops_ms[hop]).items()
-    ]
+    rows = []
+    for name, detail in zip(names, details, strict=True):
+        hops = [(hop, values, who) for hop in PARTS for values, who in alike(detail.latency_hops_ms[hop]).items()]
+        rows += [[name, "", "", "", ""]] if hops and len(names) > 1 else []
+        rows += [[f"  {hop}, {HOPS[hop]}, {together(who)}", *(f"{v:.2f}" for v in values)] for hop, values, who in hops]
     if rows:
         yield ""
-        yield from table(["latency by hop [ms]", "mean", "50 %", "99 %", "max"], rows)
+        yield from table(["latency by hop [ms]", "mean", "50 %", "99 %", "max"], rows, widest=WIDEST)
     if len(details) > 1:
         parts = [detail.improvement_percent or {} for detail in details]
         cells = [[figure, *(_percent(part.get(figure)) for part in parts)] for figure in JUDGED]
         yield ""
-        yield from table([f"improvement on {names[baseline]} [%]", *names], cells)
+        if any(parts):
+            yield from table([f"improvement on {names[baseline]} [%]", *names], cells, widest=WIDEST)
+        else:
+            yield f"no improvement on {names[baseline]}: that needs two runs in synchronism to their ends"
 
 
 def together(names: Sequence[str]) -> str:

@@ -6,15 +6,13 @@ relays would have acted, and the models of loads and converters are not valid.
 
 from __future__ import annotations
 
-from collections import Counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.analysis.grid_state import islands, states_of
 from facts_damping.analysis.measures import exactly_measured, inline_system
 from facts_damping.analysis.supervision import cause_text
-from facts_damping.devices.base import Series, Transmission
-from facts_damping.devices.table import MODELS
 from facts_damping.monitor_table import ARMED, STATES
 from facts_damping.signals import CHANNELS, NANOSECONDS
 
@@ -83,34 +81,13 @@ def _voltage(record: Record) -> Iterator[str]:
 
 
 def _islands(record: Record) -> Iterator[str]:
-    system = inline_system(record.configuration)
-    names = [bus["name"] for bus in system.get("buses") or () if isinstance(bus, dict)]
-    switched = [event for event in record.events if event.kind in ("line_out", "line_in")]
-    out: set[str] = set()
-    for event in switched if names else ():
-        (out.add if event.kind == "line_out" else out.discard)(str(event.element))
-        parts = _parts(system, names, out)
-        if len(parts) > 1:
+    system, before = inline_system(record.configuration), 0
+    for state in states_of(record):
+        parts = islands(system, state.lines_out)
+        if before and len(parts) > before:
             buses = "; ".join(", ".join(part) for part in parts[1:])
-            time = event.time_ns / NANOSECONDS
-            yield f"the grid has split at {time:g} s; apart from the rest: buses {buses}"
-
-
-def _parts(system: Mapping[str, Any], names: list[str], out: set[str]) -> list[list[str]]:
-    """Connected groups of buses, the largest first. Series devices always connect; an HVDC link does not."""
-    devices = system.get("devices") or ()
-    series = [row for row in devices if not issubclass(MODELS.get(row.get("kind"), Series), Transmission)]
-    branches = [*(system.get("lines") or ()), *(system.get("transformers") or ()), *series]
-    group = {name: i for i, name in enumerate(names)}
-    for branch in branches:
-        ends = branch.get("from_bus", branch.get("from")), branch.get("to_bus", branch.get("to"))
-        if branch["name"] not in out and None not in ends:
-            first, second = (group[end] for end in ends)
-            group = {name: first if number == second else number for name, number in group.items()}
-    parts: dict[int, list[str]] = {}
-    for name, number in group.items():
-        parts.setdefault(number, []).append(name)
-    return sorted(parts.values(), key=len, reverse=True)
+            yield f"the grid has split at {state.time_ns / NANOSECONDS:g} s; apart from the rest: buses {buses}"
+        before = len(parts)
 
 
 def _drift(record: Record) -> Iterator[str]:
@@ -130,11 +107,7 @@ def _drift(record: Record) -> Iterator[str]:
 
 def _forced(record: Record) -> Iterator[str]:
     """Forced oscillations that last to the end, where the verdict is of them instead of the loop."""
-    lasting: Counter[str] = Counter()
-    for event in record.events:
-        if event.kind == "forced_oscillation":
-            lasting[event.element] += 1 if event.value > 0.0 else -1
-    if names := [name for name, count in lasting.items() if count > 0]:
+    if names := sorted(states_of(record)[-1].forced):
         yield f"a forced oscillation of {', '.join(names)} lasts to the end: the verdict is of what it forces"
 
 
@@ -147,22 +120,16 @@ def _when(record: Record, beyond: NDArray[np.bool_]) -> str:
 def _in_service(record: Record) -> NDArray[np.bool_]:
     """Whether each machine is connected, (ticks, machines)."""
     in_service = np.ones(record.machines.shape, np.bool_)
-    for event in record.events:
-        if event.kind == "generator_trip" and event.element in record.machine_names:
-            in_service[record.time_ns >= event.time_ns, record.machine_names.index(event.element)] = False
+    for state in states_of(record):
+        in_service[record.time_ns >= state.time_ns] = [name not in state.machines_out for name in record.machine_names]
     return in_service
 
 
 def _burning(record: Record) -> NDArray[np.bool_]:
     """Whether a fault is present, (ticks,)."""
     fault_present = np.zeros(len(record.time_ns), np.bool_)
-    burning: set[str] = set()
-    for event in sorted(record.events, key=lambda event: event.time_ns):
-        if event.kind == "fault":
-            burning.add(event.element)
-        elif event.kind == "clear":
-            burning.discard(event.element)
-        fault_present[record.time_ns >= event.time_ns] = bool(burning)
+    for state in states_of(record):
+        fault_present[record.time_ns >= state.time_ns] = bool(state.faults)
     return fault_present
 
 

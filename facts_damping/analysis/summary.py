@@ -18,7 +18,7 @@ from facts_damping.analysis.modes.oscillation import instability, is_stable, set
 from facts_damping.analysis.modes.ringdown import METHOD, fit_ringdown
 from facts_damping.analysis.response import swings_of
 from facts_damping.analysis.run_warnings import controller_warnings, limit_warnings
-from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED
+from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, LOST, UNDECIDED
 from facts_damping.output.writing import finite
 
 if TYPE_CHECKING:
@@ -47,6 +47,11 @@ class ModeFit(NamedTuple):
     damping_ratio_error: float | None
     amplitude: list[float]  # p.u., of each speed difference
     phase_rad: list[float]
+
+    @property
+    def growth_per_s(self) -> float:
+        """Its growth rate, 1/s."""
+        return float(-self.damping_ratio * 2 * np.pi * self.frequency_hz / np.sqrt(1 - self.damping_ratio**2))
 
 
 class FitQuality(NamedTuple):
@@ -89,6 +94,14 @@ class Oscillation:
     modes: Sequence[ModeFit] = ()  # the strongest first
     modes_method: str | None = None
     ringdown: FitQuality | None = None
+
+    @property
+    def deciding_mode(self) -> ModeFit | None:
+        """The mode that the verdict is of: the strongest, if `growing` the one with that growth; None: none agrees."""
+        grows, settled = self.verdict == GROWING, self.verdict in (DAMPED, GROWING)
+        agreeing = [mode for mode in self.modes if not settled or (mode.damping_ratio < 0.0) == grows]
+        growth = self.growth_per_s.value if grows and self.growth_per_s else None
+        return min(agreeing, key=lambda mode: 0.0 if growth is None else abs(mode.growth_per_s - growth), default=None)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,7 +39,7 @@ ROWS = (
     FigureRow("in synchronism", lambda s: s.stable),
     FigureRow("ended by", lambda s: s.instability),
     FigureRow("verdict", lambda s: s.verdict),
-    FigureRow("growth [1/s]", lambda s: s.growth_per_s, ".4f"),
+    FigureRow("growth, worst signal [1/s]", lambda s: s.growth_per_s, ".4f"),
     FigureRow("duration [s]", lambda s: s.duration_s, ".2f"),
     *(FigureRow(name, partial(_index, name), ".4g", name) for name in INDICES),
     FigureRow("settling time [s]", lambda s: s.settling_time_s, ".2f", "settling_time_s"),
@@ -54,10 +54,10 @@ ROWS = (
 
 
 def table(summaries: Sequence[tuple[str, Summary]]) -> str:
-    """Text table for a terminal: one column per run (name, summary), one row per figure."""
+    """Text table for a terminal: one column per run (name, summary), one row per figure; no titles without names."""
     rows = [[row.label, *(row_text(summary, row) for _, summary in summaries)] for row in ROWS]
     rows += [[label, *cells] for label, cells in more_rows([summary for _, summary in summaries])]
-    return "\n".join(tables.table(["", *(name for name, _ in summaries)], rows))
+    return "\n".join(tables.table(["", *(name for name, _ in summaries)], rows, widest=tables.WIDEST))
 
 
 def more_rows(summaries: Sequence[Summary]) -> Rows:

@@ -12,6 +12,7 @@ from facts_damping.monitor_table import (
     ARMED,
     BY_SCHEDULE,
     CAUSES,
+    COUNTED,
     MONITORS,
     NO_CAUSE,
     PROBE_GAIN,
@@ -21,6 +22,7 @@ from facts_damping.monitor_table import (
     STATES,
     TRIPPED,
     cause_name,
+    counted,
 )
 from facts_damping.parameters.supervision import Supervision, watches
 from facts_damping.record import group_by
@@ -260,6 +262,8 @@ def cause_text(change: StateChange | Refusal) -> str:
     cause, value, limit = change.cause, change.value, change.limit
     if value is None or limit is None:
         return f"{cause} is over" if cause in MONITORS and change.state == STATES[ARMED] else cause
+    if cause in COUNTED:
+        return counted(cause, value)
     unit = "" if change.unit == "-" else f" {change.unit}"
     for digits in DIGITS:
         shown, bound = (f"{number:.{digits}g}" for number in (value, limit))

@@ -14,10 +14,7 @@ from llvmlite import ir
 from numba.core import cgutils, codegen, compiler, dispatcher, registry, typed_passes, types, untyped_passes
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
-from numba.core.typing.templates import (
-    make_intrinsic_template,
-    signature,
-)
+from numba.core.typing.templates import make_intrinsic_template, signature
 from numba.extending import register_model
 from numba.np import arrayobj
 

@@ -8,9 +8,7 @@ import numpy as np
 
 from facts_damping.elementary import log
 from facts_damping.neurofuzzy.learning import RATES
-from facts_damping.neurofuzzy.table import (
-    IDENTIFIERS,
-)
+from facts_damping.neurofuzzy.table import IDENTIFIERS
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
@@ -102,12 +100,7 @@ LOOP_DELAY = Parameter(
 # For `compensation` (control/compensation.py); without it they have no effect.
 COMPENSATION_PARAMETERS = {
     "mode_hz": Parameter(
-        0.0,
-        "Hz",
-        0.0,
-        10.0,
-        "frequency that is compensated; 0: that of the least damped mode",
-        live=False,
+        0.0, "Hz", 0.0, 10.0, "frequency that is compensated; 0: that of the least damped mode", live=False
     ),
     "down_delay": Parameter(
         -1.0, "s", -1.0, 10.0, "delay from controller to actuation; -1: mean of the link, dead time", live=False
@@ -209,12 +202,7 @@ NEURO_FUZZY_PARAMETERS = {
         "fixed", RATES, "learning rates: `eta`, or `eta` times half of the Lyapunov bound, jointly or by group"
     ),
     "eta": Parameter(
-        0.02,
-        "-",
-        0.0,
-        1e6,
-        "learning rate, or factor of the best Lyapunov rate",
-        search=powers(1e-4, 0.3),
+        0.02, "-", 0.0, 1e6, "learning rate, or factor of the best Lyapunov rate", search=powers(1e-4, 0.3)
     ),
     "momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the consequents", search=Range(0.0, 0.9)),
     "hbar": Parameter(0.1, "-", 0.0, 1e6, "penalty on effort", each="device", search=powers(0.001, 1.0)),
@@ -223,12 +211,7 @@ NEURO_FUZZY_PARAMETERS = {
         0.0, "-", 0.0, 10.0, "smaller errors, in units of `scale`, count as 0; 0: off", deployed=1e-3
     ),
     "leakage": Parameter(
-        0.0,
-        "1/frame",
-        0.0,
-        1.0,
-        "fraction by which parameters return to their start; 0: off",
-        search=powers(1e-5, 0.1),
+        0.0, "1/frame", 0.0, 1.0, "fraction by which parameters return to their start; 0: off", search=powers(1e-5, 0.1)
     ),
     "projection": _choice("off", OFF_ON, "on: parameters stay within their bounds", deployed="on"),
     "clip": Parameter(0.0, "-", 0.0, 1e3, "largest norm of a step of all parameters; 0: off", deployed=0.5),
@@ -250,13 +233,7 @@ NEURO_FUZZY_PARAMETERS = {
     "identifier_eta": Parameter(0.1, "-", 0.0, 100.0, "`eta` of the identifier", search=powers(0.001, 1.0)),
     "identifier_momentum": Parameter(0.0, "-", 0.0, 0.99, "`momentum` of the identifier"),
     "identifier_leakage": Parameter(
-        0.0,
-        "1/frame",
-        0.0,
-        1.0,
-        "`leakage` of the identifier",
-        deployed=1e-3,
-        search=powers(1e-4, 1.0),
+        0.0, "1/frame", 0.0, 1.0, "`leakage` of the identifier", deployed=1e-3, search=powers(1e-4, 1.0)
     ),
     "identifier_weight": _start(1.5, 0.2, 5.0, "initial weights of the identifier", search=Range(0.5, 4.0)),
     "loop_delay": LOOP_DELAY,

@@ -72,13 +72,7 @@ def state_spaces(designs: Sequence[StateSpace | None], signals: int, devices: in
 
 @compiled
 def step(
-    observer: Observer,
-    x: Float2,
-    signals: Float1,
-    actuators: Actuators,
-    commands: Commands,
-    dt: float,
-    frames: int,
+    observer: Observer, x: Float2, signals: Float1, actuators: Actuators, commands: Commands, dt: float, frames: int
 ) -> None:
     """Update the estimate by `frames` predictions and the signals; compute setpoints before limits.
 

@@ -45,15 +45,7 @@ NORMALS = 6  # draws per frame: |V|, theta, |I|, phi, frequency, ROCOF
 
 # Bad data during an interval.
 STUCK, SPIKE, WRONG_SIGN, SWAPPED_PHASES, INVALID = range(5)
-BAD = np.dtype(
-    [
-        ("kind", "i8"),
-        ("from_ns", "i8"),
-        ("until_ns", "i8"),
-        ("probability", "f8"),
-        ("size", "f8"),
-    ]
-)
+BAD = np.dtype([("kind", "i8"), ("from_ns", "i8"), ("until_ns", "i8"), ("probability", "f8"), ("size", "f8")])
 
 # Bits of a frame's status, as in the STAT word of C37.118.2.
 DATA_ERROR, UNSYNCHRONISED = 32768, 8192

@@ -5,31 +5,49 @@ from __future__ import annotations
 import csv
 import io
 import itertools
+import textwrap
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 
-def table(
-    titles: Sequence[str], rows: Iterable[Sequence[Any]], left: int = 1, *, markdown: bool = False, rule: bool = True
-) -> list[str]:
-    """Lines of a table for a terminal, or in Markdown; `rule`: a line below the titles.
+WIDEST = 120  # characters of a line in a terminal
+NARROWEST = 14  # of a column that is wrapped
 
-    The first `left` columns are aligned to the left, the others to the right.
+
+def table(
+    titles: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    left: int = 1,
+    *,
+    markdown: bool = False,
+    rule: bool = True,
+    widest: int | None = None,
+) -> list[str]:
+    """Lines of a table for a terminal, or in Markdown; `rule`: a line below the titles, which are left out if empty.
+
+    The first `left` columns are aligned to the left, the others to the right. Cells are wrapped, from the widest column
+    on, until no line is longer than `widest`.
     """
     cells = [list(titles), *([str(cell) for cell in row] for row in rows)]
     if markdown:
         kinds = ["---" if column < left else "--:" for column in range(len(titles))]
         return [f"| {' | '.join(row)} |" for row in (cells[0], kinds, *cells[1:])]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    while widest is not None and sum(widths) + 2 * (len(widths) - 1) > widest and max(widths) > NARROWEST:
+        widths[widths.index(max(widths))] -= 1
     rules = [["-" * width for width in widths]] if rule else []
+    wrapped = partial(textwrap.wrap, subsequent_indent="  ", break_on_hyphens=False)
+    shown = [cells[0], *rules, *cells[1:]] if any(titles) else cells[1:]
     return [
         "  ".join(
-            cell.ljust(width) if column < left else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+            line.ljust(width) if column < left or line != cell else line.rjust(width)
+            for column, (cell, line, width) in enumerate(zip(row, lines, widths, strict=True))
         ).rstrip()
-        for row in (cells[0], *rules, *cells[1:])
+        for row in shown
+        for lines in itertools.zip_longest(*map(wrapped, row, widths), fillvalue="")
     ]
 
 

@@ -233,13 +233,7 @@ def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> 
     """The inputs of block controls at the start, p.u. of the machine's rating."""
     v, i = (complex(phasor) for phasor in times([voltage, current], rect(1.0, math.pi / 2 - float(start.states[0]))))
     power = v.real * i.real + v.imag * i.imag
-    sensed = {
-        "Vt": magnitude(v),
-        "Pe": power,
-        "Pa": start.power - power,
-        "Ifd": start.field_voltage,
-        "Pm": start.power,
-    }
+    sensed = {"Vt": magnitude(v), "Pe": power, "Pa": start.power - power, "Ifd": start.field_voltage, "Pm": start.power}
     return sensed | {"Vd": v.real, "Vq": v.imag, "Id": i.real, "Iq": i.imag}
 
 

@@ -124,8 +124,8 @@ def _alone(run: ReportedRun) -> str:
     if run.summary.stable is False:
         return _lost(run)
     parts = [f"{run.name}: {run.summary.verdict}"]
-    if run.summary.modes:
-        parts.append(f"{_mode(run)} has a damping ratio of {_percent(_ratio(run))}")
+    if mode := run.summary.deciding_mode:
+        parts.append(f"the {mode.frequency_hz:.2f} Hz mode has a damping ratio of {_percent(mode.damping_ratio)}")
     if run.summary.indices:
         parts.append(f"ITAE is {run.summary.indices['ITAE']:.3g}")
     return ", ".join(parts)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
+from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,16 +13,22 @@ import pytest
 from matplotlib.image import imread
 
 from facts_damping.analysis import summarise, table
+from facts_damping.analysis.details import details, lines
 from facts_damping.analysis.measures import event_times, speed_differences
 from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.analysis.summary import as_json
+from facts_damping.analysis.supervision import StateChange, SupervisorHistory, history_text
 from facts_damping.errors import InputError
+from facts_damping.findings import findings
+from facts_damping.monitor_table import STATES
+from facts_damping.output.tables import WIDEST
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from facts_damping.analysis.summary import Summary
     from facts_damping.record import Record
 
 KEYS = {
@@ -61,6 +70,43 @@ def test_growing_run(swing_record: Callable[..., Record]) -> None:
     assert summary.stable is True
     assert summary.damped is False
     assert summary.settling_time_s is None
+
+
+def verdict_line(record: Record, summary: Summary) -> str:
+    record.configuration["link"] = {"name": "ideal"}  # for the title
+    return findings(record, summary, None)[1]
+
+
+@pytest.mark.parametrize("growth", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("decay", [0.05, 0.3])
+def test_growing_run_is_told_by_its_growing_mode(
+    swing_record: Callable[..., Record], growth: float, decay: float
+) -> None:
+    """A strong 1.1 Hz mode decays, a weak one of 0.5 Hz grows; and the reverse, where the strongest one is growing."""
+    record = swing_record()
+    t = np.maximum(record.time_s - 1.0, 0.0)
+    strong, weak = (1e-3 * np.exp(rate * t) * np.sin(2 * np.pi * f * t) for rate, f in ((-decay, 1.1), (growth, 0.5)))
+    for size in (0.05, 2.0):
+        record.frames[:, 0, 2], record.frames[:, 1, 2] = strong + size * weak, -strong - size * weak
+        summary = summarise(record)
+        line = verdict_line(record, summary)
+        if summary.verdict == "growing":
+            assert summary.deciding_mode is not None
+            assert summary.deciding_mode.growth_per_s == pytest.approx(growth, rel=0.05)
+            assert re.fullmatch(r"growing; damping ratio -\d+\.\d % at 0.50 Hz", line)
+        elif summary.verdict == "damped":
+            assert line.startswith("damped; damping ratio ")
+            assert "-" not in line
+        else:
+            assert line.startswith(f"{summary.verdict}: ")
+    assert summary.verdict == "growing"
+
+
+def test_growth_without_a_mode_that_grows_is_told_by_its_rate(swing_record: Callable[..., Record]) -> None:
+    record = swing_record(damping=-0.1)
+    summary = summarise(record)
+    known = replace(summary, modes=[mode._replace(damping_ratio=0.05) for mode in summary.modes])
+    assert verdict_line(record, known) == "growing: it grows by 0.1 1/s in w12"
 
 
 def test_unstable_run(swing_record: Callable[..., Record]) -> None:
@@ -113,6 +159,25 @@ def test_table(swing_record: Callable[..., Record]) -> None:
     assert lines[0].split() == ["calm", "lost"]
     assert lines[2].split() == ["in", "synchronism", "yes", "no"]
     assert any(line.startswith("ITAE") and line.endswith(" -") for line in lines)
+
+
+def test_tables_fit_a_terminal_and_lose_nothing(swing_record: Callable[..., Record]) -> None:
+    """Titles of 90 characters, and a supervisor with a long history, of one run and of three."""
+    changes = [StateChange(state, 1.0, "growing", 0.22, 0.15, "1/s") for state in STATES]
+    history = SupervisorHistory("controller_0_LLC_tuned", "tripped", {}, changes, 1, [], None)
+    record = swing_record()
+    summary = replace(summarise(record), supervision=[history])
+    names = [f"run {i} of {'a name that is as long as a title of a run, ' * 2}" for i in range(3)]
+    for count in (1, 3):
+        shown = [*table([(name, summary) for name in names[:count]]).splitlines()]
+        parts = [details(record)._replace(improvement_percent={"ITAE": 1.0})] * count
+        shown += [line for text in lines(names[:count], [summary] * count, parts, 0) for line in text.splitlines()]
+        assert max(map(len, shown)) <= WIDEST
+        words = Counter(" ".join(shown).split())
+        wanted = Counter(" ".join([*names[:count], *[history_text(history)] * count]).split())
+        assert wanted <= words
+    first = table([("", summary)]).splitlines()[0]
+    assert first.split() == ["in", "synchronism", "yes"]
 
 
 def test_pictures(tmp_path: Path, swing_record: Callable[..., Record]) -> None:

@@ -11,21 +11,32 @@ import pytest
 from facts_damping.analysis.latency import hops_ms, latency, left_out
 from facts_damping.analysis.summary import summarise
 from facts_damping.analysis.summary_table import supervision_rows, table
-from facts_damping.analysis.supervision import SupervisorHistory, history_text, limits, supervision, tripped_texts
+from facts_damping.analysis.supervision import (
+    StateChange,
+    SupervisorHistory,
+    change_text,
+    history_text,
+    limits,
+    supervision,
+    tripped_texts,
+)
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import (
     ARMED,
     BY_OPERATOR,
     BY_SCHEDULE,
     CODES,
+    COUNTED,
     DISARMED,
     FALLBACK,
+    MONITORS,
     NO_CAUSE,
     PROBE_GAIN,
     PROBE_PHASE,
     PROBE_WEAK,
     SHADOW,
     TRIPPED,
+    reason_of,
 )
 from facts_damping.signals import SUPERVISION
 from facts_damping.simulation import loop
@@ -226,3 +237,29 @@ def test_zeros_of_supervisors_have_no_latency(rate: int) -> None:
     in_shadow = loop.run(load_case("two_area_small", ["supervision=standard", "duration=1"]))
     assert len(in_shadow.applied) > 0
     assert latency(in_shadow).mean is None
+
+
+@pytest.mark.parametrize(
+    ("cause", "value", "limit", "text"),
+    [
+        ("device", 1.0, 0.5, "1 device blocked or released"),
+        ("device", 3.0, 2.5, "3 devices blocked or released"),
+        ("status", 1.0, 0.5, "1 PMU of bad status"),
+        ("non_finite", 2.0, 0.0, "2 outputs not finite"),
+        ("harm", 0.21, 0.03, "harm 0.21 1/s, more than 0.03"),
+    ],
+)
+def test_monitors_that_count_are_told_in_words(cause: str, value: float, limit: float, text: str) -> None:
+    """The cause keeps its name, value, limit and unit for programs."""
+    change = StateChange("tripped", 1.22, cause, value, limit, MONITORS[cause].unit)
+    assert change_text(change) == f"tripped at 1.22 s: {text}"
+    assert all(cause in MONITORS for cause in COUNTED)
+    row = {"cause": CODES[cause], "refused": CODES[cause], "values": np.full(len(MONITORS), value)}
+    thresholds: Any = {"limit": np.full(len(MONITORS), limit)}
+    reason = reason_of(row, thresholds)
+    if cause in COUNTED:
+        assert reason == f"{text}; allowed: {int(limit) or 'none'}"
+        remedy = "; re-arm released devices first" if cause == "device" else ""
+        assert reason_of(row, thresholds, refused=True) == f"{reason}{remedy}"
+    else:
+        assert reason.endswith(": 0.21 1/s; allowed: 0.03")

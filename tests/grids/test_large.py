@@ -13,9 +13,10 @@ from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.case.loading import load_system, make_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
-from facts_damping.small_signal import bus_places, modal_tables
+from facts_damping.small_signal import modal_tables
 from facts_damping.small_signal.modal_tables import MAX_MACHINES, MAX_MODES, MAX_RESIDUES
 from facts_damping_studies.modes import modal_pictures, one_line
+from facts_damping_views import bus_places
 from tests.andes_cases import CASES
 
 if TYPE_CHECKING:

@@ -74,9 +74,9 @@ def test_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client:
     assert not client(Trigger, "/wan_link/arm", Trigger.Request()).success
     run.run_until(joined + 2 * RATE)
     armed = client(Trigger, "/controller/arm", Trigger.Request())
-    assert (armed.success, armed.message) == (True, "armed")
+    assert (armed.success, armed.message) == (True, "it acts from the next tick on")
     again = client(Trigger, "/controller/arm", Trigger.Request())
-    assert (again.success, again.message) == (False, "it is armed")
+    assert (again.success, again.message) == (False, "it acts already")
     second.wait(lambda: "armed at" in second.texts()[0], PATIENCE_S)
     assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
     record = run.finish()

@@ -52,7 +52,7 @@ def test_parameters_have_description_unit_and_range(loopback: Any, start: Any, c
             assert not d.integer_range or d.type == ParameterType.PARAMETER_INTEGER, (node, d.name)
             assert not d.floating_point_range or d.type == ParameterType.PARAMETER_DOUBLE, (node, d.name)
     arm = client(Trigger, "/controller/arm", Trigger.Request())
-    assert (arm.success, arm.message) in ((False, "it is armed"), (False, "it has not begun yet"))
+    assert (arm.success, arm.message) in ((False, "it acts already"), (False, "it has not begun yet"))
     names = client(ListParameters, "/controller/list_parameters", ListParameters.Request()).result.names
     parameters = {"gain", "Tw", "T1", "T2", "T3", "T4"}
     assert parameters | {"run", "set", "mode", "timeout", "index", "frame_rate", "duration", "seed"} <= set(names)

@@ -253,7 +253,7 @@ def test_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_by_
     second = run.add("supervisor", join="true")
     run.run_until(killed + 240)  # it has joined: others have found the first one silent
     refused = client(Trigger, "/supervisor/arm", Trigger.Request())
-    assert refused.message.startswith("not armed: device (devices that are blocked, or released by their watchdog)")
+    assert refused.message == "not armed: 1 device blocked or released; allowed: none; re-arm released devices first"
     assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
     run.run_until(ticks(plant) + 10)
     assert client(Trigger, "/supervisor/arm", Trigger.Request()).success

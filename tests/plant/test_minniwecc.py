@@ -9,7 +9,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.findings import itae
 from facts_damping.simulation.loop import run
-from facts_damping.small_signal.bus_places import places
+from facts_damping_views.bus_places import places
 from tests.plant.running import shipped
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from facts_damping.parameters.plant.placement import place
-from facts_damping.small_signal.bus_places import places
+from facts_damping_views.bus_places import places
 from tests.plant.running import changed, shipped
 
 

@@ -13,7 +13,7 @@ from facts_damping.devices.table import KINDS
 from facts_damping.output.picture_files import save_picture
 from facts_damping.plant.converters.dispatch import losses_of
 from facts_damping.plant.grid.network import Topology, at_rest, branches, device_section
-from facts_damping.small_signal.bus_places import places
+from facts_damping_views.bus_places import places
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.plant.grid.power_flow import PowerFlow
-    from facts_damping.small_signal.bus_places import Places
     from facts_damping.small_signal.eigenmodes import Eigenmode
+    from facts_damping_views.bus_places import Places
 
 NAMED = 40  # buses, up to which all are labelled
 LABELS = 12  # number of labelled flows, the largest

@@ -19,6 +19,7 @@ from facts_damping.errors import InputError, one_line
 from facts_damping.extras import library
 from facts_damping.output.writing import finite
 from facts_damping_views.cockpit import controls as of_controls
+from facts_damping_views.cockpit import words
 from facts_damping_views.cockpit.access import EXTRA, POLICY, REPORT_POLICY, RequestFilter, new_token
 from facts_damping_views.cockpit.clients import Client, History
 from facts_damping_views.cockpit.reports import Reports, while_there
@@ -76,7 +77,7 @@ class Cockpit:
         self.clients: set[Client] = set()
         counted = ("clients", "frames_left_out", "texts_left_out", "messages_refused", "requests_refused")
         self.counts = dict.fromkeys(counted, 0)
-        self._events: deque[str] = deque(maxlen=KEPT)
+        self._events: deque[Mapping[str, Any]] = deque(maxlen=KEPT)
         self._history = History()
         self._running = asyncio.Event()
         self._presets: dict[str, asyncio.Task[None]] = {}  # under way, by control that they move
@@ -120,10 +121,12 @@ class Cockpit:
             client.put_frame(data)
 
     def event(self, message: Mapping[str, Any]) -> None:
-        """Give all clients an event; later ones get the newest 200."""
-        text = json.dumps(message)
-        self._events.append(text)
-        self._tell(text)
+        """Give all clients an event; later ones get the newest 200. A newer value of one thing replaces the last."""
+        replaces = bool(self._events) and words.replaces(message, self._events[-1])
+        if replaces:
+            self._events.pop()
+        self._events.append(message)
+        self._tell(json.dumps({**message, "replaces": replaces}))
 
     def status(self, message: Mapping[str, Any]) -> None:
         """Give all clients the state of the run, with the counts of this server."""
@@ -239,8 +242,8 @@ class Cockpit:
         client.put_text(self._layout())
         if self._history:
             client.put_text(self._history.all())
-        for text in self._events:
-            client.put_text(text)
+        for event in self._events:
+            client.put_text(json.dumps(event))
         if self._status:
             client.put_text(self._status_text())
         self.clients.add(client)

@@ -11,10 +11,10 @@ from facts_damping.analysis.measures import measure_weights
 from facts_damping.case import names
 from facts_damping.devices.base import AtMachine, Series, Transmission
 from facts_damping.devices.table import KINDS
-from facts_damping.monitor_table import MONITORS
+from facts_damping.monitor_table import COUNTED, MONITORS
 from facts_damping.parameters.supervision import watches
 from facts_damping.plant.grid.network import Topology, admittance, at_rest, branches, device_section
-from facts_damping.small_signal.bus_places import places
+from facts_damping_views.bus_places import places
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -230,8 +230,9 @@ def _monitors(case: Case, curves: _Curves) -> list[dict[str, Any]]:
             if watch.follows:
                 row = MONITORS[name]
                 parts = {f"supervision.{controllers[c]}.{name}": 1.0}
-                curve = curves.add(name, row.unit, "monitor", parts)
-                more = {"name": name, "unit": row.unit, "limit": watch.limit, "description": row.description}
+                unit = "-" if name in COUNTED else row.unit
+                curve = curves.add(name, unit, "monitor", parts)
+                more = {"name": name, "unit": unit, "limit": watch.limit, "description": row.description}
                 monitors.append({**more, "controller": controllers[c], "follows": watch.follows, "curve": curve})
     return monitors
 

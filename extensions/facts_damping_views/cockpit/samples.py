@@ -178,6 +178,7 @@ class Live:
         self._columns = np.full(len(self._place), np.nan)
         self._room = int(WINDOW_S * RATE) + 1
         self._signals: list[tuple[float, ...]] = []  # time and signals, newest last
+        self._row = np.full(len(panel.curves), np.nan)  # the newest values
         self.modes: dict[str, Mapping[str, float]] = {}  # estimated, by label
 
     def put(self, columns: Iterator[tuple[str, float]]) -> None:
@@ -188,7 +189,7 @@ class Live:
 
     def frame(self, time_s: float, lag_s: float) -> bytes:
         """The values as the page gets them: Float32 time, lag, curves."""
-        values = self._sums.of(self._columns[None])[0]
+        self._row = values = self._sums.of(self._columns[None])[0]
         for mode in self._panel.modes:
             mode_now = self.modes.get(mode.label)
             values[mode.damping] = math.nan if mode_now is None else 100.0 * mode_now["damping_ratio"]
@@ -197,6 +198,10 @@ class Live:
         self._signals.append((time_s, *(values[mode.signal] for mode in self._panel.modes)))
         del self._signals[: -self._room]
         return np.concatenate([[time_s, lag_s], values]).astype("<f4").tobytes()
+
+    def frequencies(self) -> dict[str, float]:
+        """The newest frequency at each bus, Hz; NaN: not known."""
+        return {bus["name"]: float(self._row[bus["frequency"]]) for bus in self._panel.shown["diagram"]["buses"]}
 
     def history(self) -> NDArray[np.float64]:
         """Times and differences of frequencies in the last seconds, (samples, 1 + modes)."""

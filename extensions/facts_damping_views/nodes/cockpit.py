@@ -27,13 +27,14 @@ from facts_damping.nodes.base.spinner import Spinner, check_wanted
 from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_STATE, REFUSALS, RUN_STATE
 from facts_damping.nodes.recorder import topics
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
+from facts_damping.record import GridEvent, RunChange
 from facts_damping.recording.events import STOPPED
 from facts_damping.signals import NANOSECONDS
 from facts_damping_views.cockpit import application, controls, layout, reports, samples, server, words
 from facts_damping_views.nodes.services import Services
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from facts_damping.nodes.base.managed import ManagedNode
     from facts_damping_views.cockpit.controls import Request
@@ -97,14 +98,14 @@ class Cockpit:
         self.heard: dict[str, float] = {}  # wall time of the newest message, by node
         self.time_s = self.event_s = 0.0
         self.source_ns = 0  # when the newest state of the plant was published
-        self.state, self.reason, self.states = state, "", dict[str, str]()
+        self.state, self.reason, self.story = state, "", words.Story(self.case)
         self.counts = dict[str, int]()
         self.refused = dict[str, int]()  # messages refused by the graph's nodes
 
     def _uses(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
         """By topic: what takes its columns; message class (of all topics: nodes wait for readers); publishing node."""
         case, kinds = self.case, topics(self.case)
-        uses: dict[str, Any] = {FRAMES: samples.frame_columns, PLANT_STATE: samples.state_columns}
+        uses: dict[str, Any] = {FRAMES: samples.frame_columns, PLANT_STATE: self.plant_state}
         senders = {PLANT_STATE: layout.PLANT}
         for i, link in enumerate(names.link_addresses(case)):
             uses[link.topic("pmu/delivered")] = partial(samples.up_columns, i)
@@ -159,27 +160,22 @@ class Cockpit:
 
     def supervision(self, controller: str, message: Any) -> Iterator[tuple[str, float]]:
         """Columns of a supervisor's state; a new state is an event."""
-        if self.states.get(controller) != message.state:
-            self.states[controller] = message.state
-            level = words.LEVELS.get(message.state, "info")
-            self.tell(
-                message.tick / self.case.run.frame_rate,
-                words.supervisor(controller, message.state, message.cause),
-                level,
-            )
+        t = message.tick / self.case.run.frame_rate
+        self.tell(self.story.on_supervision(t, controller, message.state, message.cause))
         return samples.supervision_columns(message)
+
+    def plant_state(self, message: Any) -> Iterator[tuple[str, float]]:
+        """Columns of machines and devices; a device that is released is an event."""
+        t = message.tick / self.case.run.frame_rate
+        self.tell(self.story.on_devices(t, [row.device for row in message.devices if row.released]))
+        return samples.state_columns(message)
 
     def on_event(self, message: Any) -> None:
         """Tell an event of the grid."""
         self.event_s = self.time_s
         stamp = message.header.stamp
-        self.tell(
-            stamp.sec + stamp.nanosec / NANOSECONDS,
-            words.grid_event(message.kind, message.element, message.value),
-            "warn",
-            message.kind,
-            message.element,
-        )
+        time_ns = stamp.sec * NANOSECONDS + stamp.nanosec
+        self.tell(self.story.on_event(GridEvent(time_ns, message.kind, message.element, message.value)))
 
     def on_change(self, message: Any) -> None:
         """Tell a change."""
@@ -187,11 +183,8 @@ class Cockpit:
             value = parse(message.value)
         except UNREADABLE:
             value = message.value
-        self.tell(
-            message.tick / self.case.run.frame_rate,
-            words.change(message.node, message.kind, message.name, value),
-            kind=message.kind,
-        )
+        where = message.tick, message.node, message.role, message.index
+        self.tell(self.story.on_change(RunChange(*where, message.kind, message.name, value)))
 
     def on_run_state(self, message: Any) -> None:
         """Keep the state of the run; its end is an event."""
@@ -204,7 +197,7 @@ class Cockpit:
         """Tell that the run has ended, once."""
         if self.state != "ended":
             self.state, self.reason = "ended", reason
-            self.tell(self.time_s, f"the run has ended: {reason}", level)
+            self.tell([words.event(self.time_s, f"the run has ended: {reason}", level)])
 
     def again(self) -> tuple[bool, str]:
         """Have the run started again. Returns whether it is possible, and a message."""
@@ -230,11 +223,15 @@ class Cockpit:
         self.refused[message.node] = sum(entry.count for entry in message.refused)
         self.counts["refused_by_nodes"] = sum(self.refused.values())
 
-    def tell(self, time_s: float, text: str, level: str = "info", kind: str = "", element: str = "") -> None:
-        """Show an event in the log of the page; for the program that started this, a line, except of changes."""
-        if level != "info" or not kind:
-            self.log.line(f"{controls.EVENT} {time_s:.1f} s: {text}")
-        self.thread.soon(self.cockpit.event, words.event(time_s, text, level, kind, element))
+    def tell(self, events: Iterable[Mapping[str, Any]]) -> None:
+        """Show events in the log of the page, and what is out of service and released after them.
+
+        Those that no slider makes are lines for the program that started this, too.
+        """
+        for event in events:
+            if event["level"] != "info" or not event.get("of"):
+                self.log.line(f"{controls.EVENT} {event['t']:.1f} s: {event['text']}")
+            self.thread.soon(self.cockpit.event, {**event, **self.story.shown()})
 
     def status(self) -> dict[str, Any]:
         """State of the run and its nodes. A node is dead if it was heard, and is silent while the run goes on."""
@@ -244,9 +241,12 @@ class Cockpit:
             still = True
         alive = {name: still or now - at < SILENT_S for name, at in self.heard.items()}
         nodes = {name: "alive" if alive.get(name) else "dead" for name in self.panel.shown["nodes"] if name in alive}
+        self.tell(self.story.on_nodes(self.time_s, [name for name, state in nodes.items() if state == "dead"]))
+        self.tell(self.story.on_frequencies(self.time_s, self.values.frequencies()))
         modes = [{"label": name, **mode} for name, mode in self.values.modes.items()]
-        shown = {"run": self.state, "reason": self.reason, "nodes": nodes, "states": dict(self.states)}
-        return shown | {"modes": modes, "counts": dict(self.counts)}
+        shown = {"run": self.state, "reason": self.reason, "nodes": nodes, "states": dict(self.story.states)}
+        shown |= {"wrong": self.story.wrong()}
+        return shown | self.story.shown() | {"modes": modes, "counts": dict(self.counts)}
 
     def carry_out(self) -> None:
         """Carry out what pages ask for."""
@@ -257,6 +257,7 @@ class Cockpit:
                 later(*self.again())
                 self.thread.soon(self.cockpit.status, self.status())
             elif request.kind == controls.LINE:
+                self.tell([words.event(self.time_s, f"asked for: {request.content}")])
                 self.log.line(request.content)
                 later(True, "asked for")
             else:

@@ -33,8 +33,9 @@ class Joining:
     def on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Arm the node from the next tick on: the same as `activate`."""
         response.success = self._began and not self._wanted
-        response.message = "armed" if response.success else "it is armed" if self._began else "it has not begun yet"
+        response.message = "it acts already" if self._began else "it has not begun yet"
         if response.success:
+            response.message = "it acts from the next tick on"
             self._node.trigger_activate()
         return response
 

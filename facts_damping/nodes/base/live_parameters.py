@@ -72,10 +72,7 @@ def declare_settings(
 
 
 def _on_set(
-    node: Node,
-    names: list[str],
-    check: Callable[[list[tuple[str, Any]]], None],
-    apply: Callable[[str, Any], None],
+    node: Node, names: list[str], check: Callable[[list[tuple[str, Any]]], None], apply: Callable[[str, Any], None]
 ) -> None:
     """Apply changes of the parameters `names` if `check`, which gets all of them, raises no `InputError`."""
 

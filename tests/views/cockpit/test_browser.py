@@ -12,9 +12,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES
 from facts_damping.recording.reader import load
-from facts_damping_views.cockpit import application
+from facts_damping_views.cockpit import application, layout, words
+from facts_damping_views.cockpit.controls import controls
 from tests.chromium import CHROMIUM, START, needs_browser
 from tests.passed import inputs
 from tests.views.cockpit.serving import serving
@@ -144,9 +148,23 @@ def test_delay_makes_the_swing_grow_until_the_supervisor_trips(domain: int, tmp_
         page.until("status.cut.length === 1")
         page.press("link/wan_link/cut", "Space")
         page.until("status.cut.length === 0")
-        page.press("grid/line", "Tab", "Tab", "Enter")
+        page.press("grid/line", *"line_3", "Tab", "Tab", "Enter")
         page.page.wait_for_selector(".branch.out", state="attached", timeout=PATIENCE_MS)
-        assert "tripped" in page.page.locator("[data-part='log']").inner_text()
+        log = page.page.locator("[data-part='log']").inner_text()
+        assert "tripped" in log
+        assert log.count("added delay 300 ms") == 1
+        assert "added delay 400 ms, cut" not in log
+        assert "wan_link: cut, added delay 400 ms" in log
+        page.press(f"supervisor/{NODE}/reset", "Enter")
+        page.until(f"status.states['{NODE}'] === 'shadow'")
+        out = "[...document.querySelectorAll('.branch.out')].map((node) => node.textContent)"
+        wanted = page.page.evaluate(out)
+        assert wanted == ["line_3"]  # a supervisor's reset puts no line into service
+        page.page.reload()
+        page.page.wait_for_selector(".branch.out", state="attached", timeout=PATIENCE_MS)
+        assert page.page.evaluate(out) == wanted
+        page.press("run/reset", "Enter")
+        page.page.wait_for_selector(".branch.out", state="detached", timeout=PATIENCE_MS)
     assert 0.0 < 2.0 * swings[0] < swings[1]
     record = load(tmp_path / "recording")
     delays = [change.value["up"][-1].get("delay") for change in record.changes if change.kind == "link"]
@@ -178,6 +196,53 @@ def test_link_on_another_site_opens_the_page() -> None:
             page.wait_for_selector("#title:has-text('it')")
             assert page.url == origin
             page.reload()
+        started.close()
+
+
+@needs_browser
+def test_page_shows_what_is_not_well_and_forgets_answers_of_another_state() -> None:
+    """A page without a graph: a released device, a slider that is drawn, a refusal, and all again after a reload."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415
+
+    case = load_case("two_area_deployment", [])
+    shown = layout.panel(case, "it").shown
+    content = {"type": "layout", "title": "it", "mode": "live", "panels": [shown], "duration": None}
+    refusal = "not armed: 1 device blocked or released; allowed: none"
+    cockpit = application.Cockpit(
+        application.Content(content), controls(case), lambda _, answer: answer(False, refusal)
+    )
+    story, frame = words.Story(case), np.full(len(shown["curves"]) + 2, 1.0, "<f4").tobytes()
+
+    def tell(events: list[dict[str, Any]], wait: str) -> None:
+        for event in events:
+            thread.soon(cockpit.event, event | story.shown())
+        state = {"run": "running", "nodes": {}, "states": {}, "wrong": story.wrong(), "modes": [], "counts": {}}
+        thread.soon(cockpit.status, state | story.shown())
+        thread.soon(cockpit.frame, frame)
+        page.wait_for_selector(wait, state="attached")
+
+    with serving(cockpit) as (served, thread), sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=CHROMIUM, args=START)
+        page = started.new_page(viewport={"width": 400, "height": 900})
+        page.goto(served.address)
+        page.wait_for_selector("#title:has-text('it')")
+        tell([words.event(1.0 + i / 10, f"added delay {i} ms", of="link") for i in range(9)], "#run.running")
+        tell(story.on_devices(2.0, ["sssc"]), ".device.released")
+        for _ in range(2):
+            page.wait_for_selector("#run.unwell:has-text('running, sssc released')")
+            page.wait_for_selector(".label.released:has-text('sssc released')", state="attached")
+            log = page.locator("[data-part='log']").inner_text()
+            assert ("added delay 7 ms" not in log, "added delay 8 ms" in log) == (True, True)
+            assert page.evaluate("document.documentElement.scrollWidth") <= 400
+            page.reload()
+            page.wait_for_selector("#run:has-text('running')")
+            thread.soon(cockpit.frame, frame)
+        button = page.locator("[data-control$='/arm']").first
+        button.evaluate("node => node.click()")
+        page.wait_for_selector(f"output:has-text('{refusal}')", state="attached")
+        tell(story.on_devices(3.0, []), "#run.running")
+        page.wait_for_selector(f"output:has-text('{refusal}')", state="detached")
+        assert page.locator(".device.released").count() == 0
         started.close()
 
 

@@ -16,7 +16,7 @@ const dark = matchMedia("(prefers-color-scheme: dark)");
 const [DIAGRAM, CHARTS] = [80, 180]; // ms: least time between two drawings, as painting is dear without a GPU
 const state = {
   layout: null, text: "", panels: [], time: NaN, lag: NaN, playing: false, speed: 1, drawn: 0, charted: 0, asked: 0, answers: new Map(),
-  status: { run: "", reason: "", nodes: {}, states: {}, modes: [], counts: {}, cut: [] }, socket: null, tries: 0, spent: { frames: 0, ms: 0 },
+  status: { run: "", reason: "", nodes: {}, states: {}, modes: [], counts: {}, cut: [], out: [], released: [], wrong: [] }, socket: null, tries: 0, spent: { frames: 0, ms: 0 },
 };
 globalThis.cockpit = state; // to look into from the console, and for tests
 
@@ -117,6 +117,7 @@ function note(panel, event) {
   time.addEventListener("click", () => state.layout.mode === "replay" && go(event.t));
   const { log } = panel;
   const atEnd = log.scrollTop + log.clientHeight > log.scrollHeight - 30;
+  if (event.replaces) log.lastChild?.remove(), panel.events.pop(); // while a slider is drawn
   panel.events.push(event);
   const level = event.level === "info" ? "" : html("strong", {}, `${event.level}: `);
   log.append(html("li", { class: event.level }, time, html("span", {}, level, event.text)));
@@ -134,17 +135,9 @@ function redraw() {
   });
 }
 
-/** Names of the branches that are out of service at the time shown; an event without a name puts all into service. */
-function outBranches(panel) {
-  const found = new Set();
-  for (const { t, branch, out } of panel.events) {
-    if (branch === undefined || t > state.time) continue;
-    if (out) found.add(branch);
-    else if (branch) found.delete(branch);
-    else found.clear();
-  }
-  return found;
-}
+/** Names of what is out of service and released at the time shown, as the plant's own events have it. */
+const shownState = (panel) =>
+  (state.layout.mode === "replay" ? panel.events.findLast(({ t }) => t <= state.time) ?? { out: [], released: [] } : state.status);
 
 function draw(now) {
   const start = performance.now();
@@ -157,7 +150,7 @@ function draw(now) {
     panel.drawing.peak = peak;
     const row = panel.rows[Math.max(0, until(panel.rows, state.time) - 1)];
     if (!row) continue;
-    drawDiagram(panel.drawing, row, outBranches(panel), state.status, look.palette, (range, nominal) => {
+    drawDiagram(panel.drawing, row, shownState(panel), state.status, look.palette, (range, nominal) => {
       const size = `${shown(range * 1000)} mHz`.replace(".000", "");
       panel.scale.replaceChildren(html("span", {}, `−${size}`), html("i"), html("span", {}, `+${size}`));
       panel.scale.title = `Deviation of the frequency from ${nominal} Hz`;
@@ -176,8 +169,9 @@ function draw(now) {
 }
 
 function drawStatus() {
-  const { run, reason, counts, modes } = state.status;
-  set(find("run"), { text: run, class: `pill ${run}` });
+  const { run, reason, counts, modes, wrong } = state.status;
+  const flaws = run && run !== "ended" ? wrong : [];
+  set(find("run"), { text: [run, ...flaws].join(", "), class: `pill ${flaws.length ? "unwell" : run}` });
   set(find("over"), { text: run === "ended" ? `The run has ended: ${reason}.` : "" });
   enable();
   const lost = Object.entries(counts).filter(([name, n]) => n && name !== "clients");
@@ -227,13 +221,27 @@ function connect() {
 
 function hear(message) {
   if (message.type === "layout") build(message);
-  else if (message.type === "event") note(state.panels[message.panel ?? 0], message);
+  else if (message.type === "event") {
+    const { out, released } = message;
+    Object.assign(state.status, out && { out, released });
+    note(state.panels[message.panel ?? 0], message);
+  }
   else if (message.type === "answer") answer(message);
   else if (message.type === "status") {
     Object.assign(state.status, message);
     takeValues(message.values ?? {});
+    forgetAnswers(message);
     drawStatus();
   }
+}
+
+/** Remove answers when the state of the run, on which they rest, is another. */
+function forgetAnswers({ run, nodes, states, out, released }) {
+  const now = JSON.stringify([run, nodes, states, out, released]);
+  if (state.rested !== undefined && now !== state.rested) {
+    for (const output of document.querySelectorAll("output.answer")) set(output, { text: "", class: "answer" });
+  }
+  state.rested = now;
 }
 
 function send(control, value, output) {

@@ -184,10 +184,10 @@ function read(view) {
   set(view.readout, { text: parts.join(" · ") });
 }
 
-/** Draw a row of values, [t, lag, value of each curve]; `status` has the states, and what is cut or dead. */
-export function drawDiagram(view, row, out, status, palette, legend) {
+/** Draw a row of values, [t, lag, value of each curve]; names out of service and released; the status has cut and dead. */
+export function drawDiagram(view, row, { out, released }, status, palette, legend) {
   const { diagram: { buses, branches, machines, devices, links, controllers }, curves } = view.panel;
-  branches.forEach((one, i) => set(view.branches[i], { class: `branch ${one.kind}${out.has(one.name) ? " out" : ""}` }));
+  branches.forEach((one, i) => set(view.branches[i], { class: `branch ${one.kind}${out.includes(one.name) ? " out" : ""}` }));
   view.row = row;
   const frequencies = buses.map((bus) => row[bus.frequency + 2]);
   view.nominal ??= (([one]) => (one === undefined ? null : one > 30 ? 10 * Math.round(one / 10) : 0))(frequencies.filter(Number.isFinite));
@@ -205,7 +205,11 @@ export function drawDiagram(view, row, out, status, palette, legend) {
     if (at) set(arrow, { transform: `${move(...at)} rotate(${Number.isFinite(degrees) ? -Math.round(2 * degrees) / 2 : 0})` });
   });
   devices.forEach((one, i) => {
-    if (one.setpoint !== null) set(view.labels.devices[i], { text: `${one.name} ${shown(row[one.setpoint + 2], curves[one.setpoint].unit)}` });
+    if (one.setpoint === null) return;
+    const free = released.includes(one.name);
+    set(view.devices[i].symbol, { class: free ? "device released" : "device" });
+    set(view.labels.devices[i], { class: `label of-device${free ? " released" : ""}`,
+      text: `${one.name} ${free ? "released" : shown(row[one.setpoint + 2], curves[one.setpoint].unit)}` });
   });
   links.forEach((one, i) => {
     const cut = status.nodes[one.name] === "dead" ? "dead" : status.cut.includes(one.name) ? "cut" : "";
