@@ -49,10 +49,9 @@ def _one(arguments: argparse.Namespace) -> None:
 
 def _verdict(broken: Sequence[str], storms: int) -> str:
     """The first line: how often rules were broken; `broken`: a rule for each violation."""
-    many, rules = len(broken), len(set(broken))
-    if not many:
-        return f"no violation in {storms} storm{'s' * (storms != 1)}"
-    return f"{many} violation{'s' * (many != 1)} of {rules} rule{'s' * (rules != 1)} in {storms} storm{'s' * (storms != 1)}"
+    counts = {"violation": len(broken), "rule": len(set(broken)), "storm": storms}
+    violations, rules, tried = (f"{many} {name}{'s' * (many != 1)}" for name, many in counts.items())
+    return f"{violations} of {rules} in {tried}" if broken else f"no violation in {tried}"
 
 
 def _told(trace: Trace) -> list[str]:
