@@ -108,6 +108,14 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
+@event_priority(50)
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """A page in docs/ as one of the site, where what is beside docs/ is in it, too."""
+    for name, file in BESIDE.items():
+        markdown = markdown.replace(f"](../{file}", f"]({name}")
+    return markdown
+
+
 def _moved(text: str) -> str:
     """A page from beside docs/: its links are those of a page in it; what is no page is named only."""
     text = re.sub(r"\]\(docs/", "](", text)

@@ -22,11 +22,14 @@ if TYPE_CHECKING:
 exit_now = os._exit  # kept for contexts in which user code may not call it
 INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 CONTINUES = "the same command continues the study"  # what an interruption tells of a study
+RECORDED = "what was recorded by then is readable"
+NOTHING = "nothing is kept"
 AGAIN_S = 2.0  # s after an interruption in which further ones are the same: a process and its group may both get it
 PR_SET_PDEATHSIG = 1  # constant of prctl(2)
 
 _came: list[tuple[int, float]] = []  # the interruption that is being handled: its number and time
 _holds: list[str] = []  # what an interruption tells besides
+_written: list[str] = []  # files that are complete
 _at_leave: list[Callable[[], object]] = []
 _starting_tracker = threading.Lock()  # several threads may start graphs at once
 
@@ -37,8 +40,21 @@ def status() -> int:
 
 
 def text(more: str = "") -> str:
-    """What the interruption that was raised tells; `more`: what holds, instead of that of `clean_up_first`."""
-    return "; ".join(["interrupted", *([more] if more else _holds)])
+    """What an interruption tells; `more`: what holds, instead of that of `tell`."""
+    holds = [more] if more else _holds
+    if holds == [NOTHING] and (files := [path for path in _written if os.access(path, os.F_OK)]):
+        holds = [f"kept: {', '.join(files[:3])}{f' and {len(files) - 3} more' if len(files) > 3 else ''}"]
+    return "; ".join(["interrupted", *holds])
+
+
+def tell(holds: str) -> None:
+    """What an interruption tells from here on; after `NOTHING`, the files that were `written` by then."""
+    _holds[:] = [holds]
+
+
+def written(path: str) -> None:
+    """Count a file that is complete."""
+    _written.append(path)
 
 
 def heeded() -> list[signal.Signals]:
@@ -49,7 +65,7 @@ def heeded() -> list[signal.Signals]:
 
 def end_at_once(number: int, _frame: Any) -> None:
     """Handle an interruption by ending the process."""
-    leave("interrupted", number)
+    leave(text(), number)
 
 
 def leave(reason: str, number: int) -> NoReturn:
@@ -92,6 +108,7 @@ def handled() -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in INTERRUPTIONS}
     _came.clear()
     _holds.clear()
+    _written.clear()
     for number, handler in before.items():
         if handler != signal.SIG_IGN:
             signal.signal(number, end_at_once)

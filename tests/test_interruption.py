@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -15,8 +17,12 @@ import pytest
 
 from facts_damping import interruption
 from facts_damping.cli.main import main
+from facts_damping.cli.parser import parser
 from facts_damping.interruption import INTERRUPTIONS
 from facts_damping.output.terminal import Progress
+from facts_damping.output.writing import write_whole
+from facts_damping.parameters import files
+from facts_damping.recording.writer import RecordingWriter
 from tests.studies.test_campaign import SMALL
 from tests.studies.test_sweep import MANY, children, is_worker
 
@@ -25,17 +31,26 @@ if TYPE_CHECKING:
 
 CASES = str(Path(__file__).parent / "data" / "case_set.yaml")
 CONTINUES = "; the same command continues the study: "
+NOTHING = "; nothing is kept"
 COMMANDS: dict[str, tuple[list[str], str]] = {
     "sweep": (["sweep", "sweep.yaml", "--jobs", "1"], CONTINUES),
     "campaign": (["campaign", "campaign.yaml", "--jobs", "1"], CONTINUES),
     "hunt": (["campaign", "campaign.yaml", "--hunt", "1", "--jobs", "1"], CONTINUES),
-    "score": (["score", "LLC", "--against", "LLC", "--cases", CASES, "--jobs", "1"], ""),
+    "score": (["score", "LLC", "--against", "LLC", "--cases", CASES, "--jobs", "1"], NOTHING),
     "storm": (["storm", "--minutes", "1", "--jobs", "1"], "; kept in results/storms: 0 storms that broke a rule"),
-    "tune": (["tune", "smib", "LLC-tuned", "--budget", "1", "--jobs", "1"], ""),
-    "search": (["search", "smib", "gaussian+sam", "--budget", "100", "--jobs", "1"], ""),
-    "design": (["design", "two_area", "--jobs", "1"], ""),
-    "margin": (["margin", "two_area_small"], ""),
+    "tune": (["tune", "smib", "LLC-tuned", "--budget", "1", "--jobs", "1"], NOTHING),
+    "search": (["search", "smib", "gaussian+sam", "--budget", "100", "--jobs", "1"], NOTHING),
+    "design": (["design", "two_area", "--jobs", "1"], NOTHING),
+    "margin": (["margin", "two_area_small"], NOTHING),
+    "simulate": (["simulate", "two_area_small", "--out", "simulated"], NOTHING),
+    "validate": (["validate"], NOTHING),
 }  # and what they tell besides
+EXAMPLES = {
+    name: shlex.split(re.findall(rf"^  facts-damping ({name}\b.*)$", command.format_help(), re.MULTILINE)[0])
+    for name, command in next(
+        action.choices for action in parser()._actions if isinstance(action.choices, dict)
+    ).items()
+}  # the first of each command
 
 
 @pytest.fixture
@@ -79,6 +94,38 @@ def test_interrupted_command_tells_one_line_and_its_signal(
     lines = [line for line in capfd.readouterr().err.splitlines() if "--budget" not in line]
     assert len(set(lines)) == 1, lines
     assert lines[0].startswith(f"facts-damping: interrupted{holds}")
+
+
+@pytest.mark.usefixtures("default_handlers")
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_each_command_tells_at_its_start_that_nothing_is_kept(
+    name: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def leave(status: int) -> NoReturn:
+        raise SystemExit(status)
+
+    monkeypatch.setattr(files, "check_writable", lambda *_: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(interruption, "exit_now", leave)
+    monkeypatch.setattr(interruption, "_at_leave", [])  # this process goes on
+    with pytest.raises(SystemExit, match=str(128 + signal.SIGINT)):
+        main(EXAMPLES[name])
+    assert capfd.readouterr().err == f"facts-damping: interrupted{NOTHING}\n"
+
+
+@pytest.mark.usefixtures("default_handlers")
+def test_interrupted_command_names_the_files_that_it_has_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A recording is kept, too, if one was written; a file that has gone is not."""
+    monkeypatch.chdir(tmp_path)
+    with interruption.handled():
+        interruption.tell(interruption.NOTHING)
+        for name in "abcde":
+            write_whole(Path(f"{name}.csv"), "1")
+        Path("a.csv").unlink()
+        assert interruption.text() == "interrupted; kept: b.csv, c.csv, d.csv and 1 more"
+        RecordingWriter(tmp_path / "recording").close()
+        assert interruption.text() == "interrupted; what was recorded by then is readable"
 
 
 def ended(folder: Path, code: str, **environment: str) -> tuple[int, str]:

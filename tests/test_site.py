@@ -43,6 +43,23 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_links_of_pages_lead_to_files_in_the_checkout() -> None:
+    """As GitHub and an editor follow them; the site checks its own, and the places in pages."""
+    links = [
+        (page, target)
+        for page in [*PAGES, ROOT / "CHANGELOG.md"]
+        for target in re.findall(r"\]\(([^)\s#]+)[^)]*\)", _without_code(page.read_text(encoding="utf-8")))
+        if "://" not in target and not target.startswith("mailto:")
+    ]
+    assert len(links) > 400
+    assert [(page.name, target) for page, target in links if not (page.parent / target).exists()] == []
+
+
+def _without_code(text: str) -> str:
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    return re.sub(r"`[^`\n]*`", "", re.sub(r"^    .*$", "", text, flags=re.MULTILINE))
+
+
 def test_site_builds_strictly_with_search_and_all_pages(site: Path) -> None:
     assert (site / "search" / "search_index.json").stat().st_size > 100_000
     for page in PAGES[3:]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters.field_errors import short
+from facts_damping_grids.notes import Note, told
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -57,7 +58,7 @@ def convert(case: MatpowerCase, dynamics: Mapping[str, Any] | None = None) -> Im
     tables = dict(dynamics or {})
     for key in tables:
         check_known("--dynamics", key, ("machines", *HEAD, *TABLES))
-    notes: list[str] = []
+    notes: list[str | Note] = []
     if case.dc_lines:
         notes.append(f"{case.dc_lines} DC lines are left out, and the power that they carry")
     buses = {_number(row["BUS_I"]): row for row in case.bus}
@@ -87,7 +88,7 @@ def convert(case: MatpowerCase, dynamics: Mapping[str, Any] | None = None) -> Im
     if "signals" in tables or "pmus" in tables:
         content |= {"signals": {}, "measures": {}}  # the default ones refer to the default PMUs
     content |= {key: value for key, value in tables.items() if key != "machines"}
-    return Imported(filled(content), typical, notes)
+    return Imported(filled(content), typical, told(notes))
 
 
 # Common to both formats
@@ -117,7 +118,7 @@ def filled(content: dict[str, Any]) -> dict[str, Any]:
 def without_data(typical: Sequence[str], machines: int) -> str:
     """The note on machines with typical data; `machines`: number of all machines."""
     which = "all machines" if len(typical) == machines else ", ".join(typical)
-    return f"no dynamic data for {which}: typical data (Kundur, table 4.2)"
+    return f"no dynamic data for {which}: typical data of synchronous machines (Kundur, table 4.2)"
 
 
 def joined_to(bus: Any, branches: Iterable[tuple[Any, Any]]) -> set[Any]:
@@ -167,7 +168,7 @@ def _check_buses(case: MatpowerCase, buses: Mapping[int, Row]) -> None:
 
 
 def _units(
-    case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]
+    case: MatpowerCase, buses: Mapping[int, Row], notes: list[str | Note]
 ) -> tuple[dict[int, tuple[float, float]], Units]:
     """Demand by bus (MW, Mvar), and the generators in service."""
     demand = {n: (row["PD"], row["QD"]) for n, row in buses.items()}
@@ -177,22 +178,25 @@ def _units(
         if n not in buses:
             raise InputError(f"mpc.gen, row {i}: bus {n} given; allowed: a bus of mpc.bus")
         if row["GEN_STATUS"] <= 0:
-            notes.append(f"generator {i} at bus {n} is out of service: left out")
+            alone = f"generator {i} at bus {n} is out of service: left out"
+            notes.append(Note(alone, "out of service: left out", "generators", str(i)))
         elif row["PMIN"] < 0 and row["PMAX"] == 0:
-            notes.append(f"generator {i} at bus {n} is a dispatchable load: taken as a load")
+            alone = f"generator {i} at bus {n} is a dispatchable load: taken as a load"
+            notes.append(Note(alone, "dispatchable loads are taken as loads", "generators", str(i)))
             demand[n] = demand[n][0] - row["PG"], demand[n][1] - row["QG"]
         else:
             units.setdefault(n, []).append((i, row))
     return demand, units
 
 
-def _branches(case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]) -> tuple[Rows, Rows, Rows]:
+def _branches(case: MatpowerCase, buses: Mapping[int, Row], notes: list[str | Note]) -> tuple[Rows, Rows, Rows]:
     """Lines, transformers (with a ratio, a shift, or two nominal voltages), and shunts for transformers' charging."""
     lines, transformers, charging, names = [], [], [], set[str]()
     for i, row in enumerate(case.branch, 1):
         a, b = _number(row["F_BUS"]), _number(row["T_BUS"])
         if row["BR_STATUS"] <= 0:
-            notes.append(f"branch {i} from bus {a} to bus {b} is out of service: left out")
+            alone = f"branch {i} from bus {a} to bus {b} is out of service: left out"
+            notes.append(Note(alone, "out of service: left out", "branches", str(i)))
             continue
         r, x, where = row["BR_R"], row["BR_X"], f"mpc.branch, row {i} ({a} to {b})"
         if r < 0:
@@ -215,11 +219,12 @@ def _branches(case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]) ->
             half = row["BR_B"] / 2 * case.base_power
             for bus, Q in ((a, half / tap**2), (b, half)):
                 charging.append({"name": f"charging_{name}_{bus}", "bus": f"B{bus}", "Q": Q})
-            notes.append(f"branch {i} from bus {a} to bus {b}: its charging is two shunts, which stay when it opens")
+            alone = f"branch {i} from bus {a} to bus {b}: its charging is two shunts, which stay when it opens"
+            notes.append(Note(alone, "charging is two shunts, which stay when a branch opens", "branches", str(i)))
     return lines, transformers, charging
 
 
-def _machines(buses: Mapping[int, Row], units: Units, rows: Any, notes: list[str]) -> tuple[Rows, list[str]]:
+def _machines(buses: Mapping[int, Row], units: Units, rows: Any, notes: list[str | Note]) -> tuple[Rows, list[str]]:
     """Machines, one per bus, and the names of those with typical data."""
     dynamic_rows = _machine_rows(rows, units)
     if not units:
@@ -228,13 +233,15 @@ def _machines(buses: Mapping[int, Row], units: Units, rows: Any, notes: list[str
     for n, here in sorted(units.items()):
         bus, members = buses[n], [row for _, row in here]
         if len(here) > 1:
-            notes.append(f"generators {', '.join(str(i) for i, _ in here)} at bus {n} are joined into one machine")
+            alone = f"generators {', '.join(str(i) for i, _ in here)} at bus {n} are joined into one machine"
+            notes.append(Note(alone, "generators at one bus are joined into one machine", "buses", str(n)))
         P, Q = sum(row["PG"] for row in members), sum(row["QG"] for row in members)
         rating = sum(_rating(row) for row in members)
         V = members[-1]["VG"]
         if bus["BUS_TYPE"] == PQ:
             V = bus["VM"]
-            notes.append(f"bus {n} has a generator but is of type 1: its machine holds {V:g} p.u., not {Q:g} Mvar")
+            alone = f"bus {n} has a generator but is of type 1: its machine holds {V:g} p.u., not {Q:g} Mvar"
+            notes.append(Note(alone, "of type 1 with a generator: it holds the voltage, not Mvar", "buses", str(n)))
         slack = bus["BUS_TYPE"] == REFERENCE
         dispatch = {"slack": True, "angle": bus["VA"]} if slack else {"P": P}
         data = dynamic_rows.pop(n, None)

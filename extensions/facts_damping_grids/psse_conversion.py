@@ -5,6 +5,7 @@ References: PSS/E Program Operation Manual (power flow raw data), PSS/E Model Li
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,6 +17,7 @@ from facts_damping.parameters.plant.system import System
 from facts_damping_grids import matpower_conversion
 from facts_damping_grids import psse_network as network
 from facts_damping_grids.matpower_conversion import Imported
+from facts_damping_grids.notes import Note, told
 from facts_damping_grids.psse_reading import Row, read_dyr, read_raw
 
 if TYPE_CHECKING:
@@ -38,17 +40,32 @@ MACHINES = {
 }
 HYGOV = "R r Tr Tf Tg rate_max gate_max gate_min Tw At Dt q_nl"
 EXPONENTIAL = ("GENROE", "GENSAE")
+# Families of models of inverters and wind turbines; their controls, too.
+INVERTERS = re.compile(r"REG(C|FM)|REEC|REPC|WT[1-4]|WT(GT|DT|AR|PT|TQ)|PV[GDE]|GEWT|DER_?A|GFM")
 
 
-def convert(case: RawCase, dynamics: Dyr | None, dynamics_name: str = "") -> Imported:
+def convert(
+    case: RawCase, dynamics: Dyr | None, dynamics_name: str = "", *, inverters_as_loads: bool = False
+) -> Imported:
     """A case as the content of a system's file. Raises `InputError` with the line of an unsupported record."""
-    notes = [f"{count} {section} records are left out" for section, count in case.unread.items() if section in ACTING]
+    notes: list[str | Note] = [
+        f"{count} {section} records are left out" for section, count in case.unread.items() if section in ACTING
+    ]
     buses = network.buses(case, notes)
     units = _units(case, buses, notes)
     lines, shunts = network.lines(case, buses)
     transformers, stars, magnetising = network.transformers(case, buses, notes)
     more, places = _step_ups(case, units)
     transformers += more
+    inverters, dynamics = _inverters(units, dynamics)
+    if inverters and not inverters_as_loads:
+        names = ", ".join(f"{unit.name} ({models})" for unit, models in inverters)
+        allowed = "synchronous machines, or --inverters load: negative loads of constant power instead"
+        raise InputError(f"{dynamics_name}: inverters given: {names}; allowed: {allowed}")
+    for unit, _ in inverters:
+        alone = f"{unit.name} is an inverter: a negative load of its constant PG and QG, without inertia and control"
+        notes.append(Note(alone, "inverters are negative loads of their constant PG and QG", "generators", unit.name))
+        units.remove(unit)
     machines, controls, typical = _machines(units, places, dynamics, dynamics_name, case, buses, notes)
     _check_islands(buses, [*lines, *transformers], machines)
     content: dict[str, Any] = {
@@ -63,13 +80,13 @@ def convert(case: RawCase, dynamics: Dyr | None, dynamics_name: str = "") -> Imp
         ],
         "lines": lines,
         "transformers": transformers,
-        "loads": network.loads(case, buses),
+        "loads": [*network.loads(case, buses), *(_negative_load(unit, places) for unit, _ in inverters)],
         "shunts": [*shunts, *magnetising, *network.shunts(case, buses)],
         "machines": machines,
         **controls,
         **matpower_conversion.measured([m["name"] for m in machines]),
     }
-    return Imported(matpower_conversion.filled(content), typical, notes)
+    return Imported(matpower_conversion.filled(content), typical, told(notes))
 
 
 def _check_islands(buses: Mapping[int, Row], branches: Sequence[Row], machines: Sequence[Row]) -> None:
@@ -83,11 +100,11 @@ def _check_islands(buses: Mapping[int, Row], branches: Sequence[Row], machines: 
         )
 
 
-def import_case(raw: Path, dyr: Path | None = None) -> Imported:
-    """A PSS/E case as a validated system, with notes for the user."""
+def import_case(raw: Path, dyr: Path | None = None, *, inverters_as_loads: bool = False) -> Imported:
+    """A PSS/E case as a validated system, with notes for the user. Raises `InputError`, also for inverters."""
     case, dynamics = read_raw(raw), None if dyr is None else read_dyr(dyr)
     try:
-        imported = convert(case, dynamics, "" if dyr is None else dyr.name)
+        imported = convert(case, dynamics, "" if dyr is None else dyr.name, inverters_as_loads=inverters_as_loads)
     except InputError as error:
         text = str(error)
         of_dyr = dyr is not None and text.startswith(f"{dyr.name}: ")
@@ -109,7 +126,7 @@ class Unit(NamedTuple):
     row: Row
 
 
-def _units(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> list[Unit]:
+def _units(case: RawCase, buses: Mapping[int, Row], notes: list[str | Note]) -> list[Unit]:
     """Generators in service."""
     rows = [row for row in case.tables["generator"] if row["STAT"] == 1 and network.bus_of(row, buses)]
     count = Counter(int(row["I"]) for row in rows)
@@ -123,6 +140,28 @@ def _units(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> list[Un
         n, name = int(row["I"]), f"G{int(row['I'])}"
         units.append(Unit(name if count[n] == 1 else f"{name}_{row['ID']}", n, str(row["ID"]), row))
     return units
+
+
+def _inverters(units: Sequence[Unit], dynamics: Dyr | None) -> tuple[list[tuple[Unit, str]], Dyr | None]:
+    """Units with a record of an inverter and none of a machine, each with its models; the other records."""
+    records = dynamics.records if dynamics else ()
+    rotating = {(record.bus, record.machine) for record in records if record.model in MACHINES}
+    models: dict[tuple[int, str], list[str]] = {}
+    for record in records:
+        at = record.bus, record.machine
+        if at not in rotating and INVERTERS.match(record.model):
+            models.setdefault(at, []).append(record.model)
+    inverters = [(unit, ", ".join(models[at])) for unit in units if (at := (unit.bus, unit.machine)) in models]
+    apart = {(unit.bus, unit.machine) for unit, _ in inverters}
+    left = [record for record in records if (record.bus, record.machine) not in apart]
+    return inverters, dynamics and dynamics._replace(records=left)
+
+
+def _negative_load(unit: Unit, places: Mapping[str, str]) -> Row:
+    """The power flow's injection of an inverter, kept at any voltage above `V_min` of loads."""
+    power = {"power": 1}
+    row = {"name": f"inverter_{unit.name}", "bus": places.get(unit.name, f"B{unit.bus}")}
+    return row | {"P": -unit.row["PG"], "Q": -unit.row["QG"], "P_fractions": power, "Q_fractions": power}
 
 
 def _step_ups(case: RawCase, units: Sequence[Unit]) -> tuple[list[Row], dict[str, str]]:
@@ -144,19 +183,22 @@ def _machines(
     source: str,
     case: RawCase,
     buses: Mapping[int, Row],
-    notes: list[str],
+    notes: list[str | Note],
 ) -> tuple[list[Row], dict[str, list[Row]], list[str]]:
     """Machines with the data of their records, their controls by table, and the machines with typical data."""
     by_unit = {(unit.bus, unit.machine): unit for unit in units}
     data: dict[str, Row] = {}
     controls: dict[str, list[Row]] = {table: [] for table in TABLES.values()}
     for line, text in dynamics.unread if dynamics else ():
-        notes.append(f"{source}: line {line}: {text} ... is no record of a machine: left out")
+        alone = f"{source}: line {line}: {text} ... is no record of a machine: left out"
+        notes.append(Note(alone, f"{source}: no records of machines: left out", "lines", str(line)))
     for record in dynamics.records if dynamics else ():
         where = f"{source}: line {record.line}: {record.model}"
         unit = by_unit.get((record.bus, record.machine))
         if unit is None:
-            notes.append(f"{where}: no machine {record.machine} at bus {record.bus} in service: left out")
+            alone = f"{where}: no machine {record.machine} at bus {record.bus} in service: left out"
+            common = f"{source}: {record.model}: no machine in service: left out"
+            notes.append(Note(alone, common, "records", f"{record.machine} at bus {record.bus}"))
         elif record.model in MACHINES:
             if unit.name in data:
                 which = f"machine {record.machine} at bus {record.bus}"
@@ -169,7 +211,7 @@ def _machines(
         notes.append(matpower_conversion.without_data(typical, len(units)))
     at_reference = [unit for unit in units if buses[unit.bus]["IDE"] == matpower_conversion.REFERENCE]
     if not at_reference:
-        raise InputError("bus: no generator in service at a bus of type 3 given; allowed: at least one")
+        raise InputError("bus: no generator in service at a bus of type 3 given; allowed: at least one, no inverter")
     slack = max(at_reference, key=lambda unit: float(unit.row["MBASE"]))
     machines = []
     for unit in units:
@@ -177,9 +219,12 @@ def _machines(
         V = unit.row["VS"]
         if bus["IDE"] == matpower_conversion.PQ or (unit.row["IREG"] and unit.row["IREG"] != unit.bus):
             V = bus["VM"]
-            notes.append(f"{unit.name} does not control the voltage of its bus: here it does, at {V:g} p.u.")
+            alone = f"{unit.name} does not control the voltage of its bus: here it does, at {V:g} p.u."
+            common = "do not control the voltage of their buses: here they do"
+            notes.append(Note(alone, common, "machines", unit.name))
         elif at != f"B{unit.bus}":
-            notes.append(f"{unit.name} controls its terminal voltage to {V:g} p.u., not that of bus {unit.bus}")
+            alone = f"{unit.name} controls its terminal voltage to {V:g} p.u., not that of bus {unit.bus}"
+            notes.append(Note(alone, "control their terminal voltage, not that of the bus", "machines", unit.name))
         dispatch = {"slack": True, "angle": bus["VA"]} if unit is slack else {"P": unit.row["PG"]}
         machine = {"name": unit.name, "bus": at, "area": f"area_{int(bus['AREA'])}"}
         machine |= {"rating": unit.row["MBASE"] or case.base_power, "V": V} | dispatch
@@ -187,29 +232,32 @@ def _machines(
     excited = {row["machine"] for row in controls["exciters"]}
     for row in [row for row in controls["stabilisers"] if row["machine"] not in excited]:
         controls["stabilisers"].remove(row)
-        notes.append(f"the stabiliser {row['model']} of {row['machine']}, which has no exciter, is left out")
+        alone = f"the stabiliser {row['model']} of {row['machine']}, which has no exciter, is left out"
+        notes.append(Note(alone, "stabilisers without an exciter are left out", "machines", row["machine"]))
     return machines, controls, typical
 
 
-def _machine(record: Dynamic, unit: Unit, where: str, notes: list[str]) -> Row:
+def _machine(record: Dynamic, unit: Unit, where: str, notes: list[str | Note]) -> Row:
     model, order = MACHINES[record.model]
     row: Row = {"model": model, "Ra": unit.row["ZR"], **_constants(record, order, where)}
     if record.model in EXPONENTIAL:
-        notes.append(f"{where}: its exponential saturation is taken as quadratic through the same two points")
+        text = "exponential saturation is taken as quadratic through the same two points"
+        notes.append(_of_record(record, unit, where, text))
     if model == "classical":
         return row | {"Xd1": unit.row["ZX"]}
     row["Xq2"] = row["Xd2"]
     if row["S10"] == 0.0 < row["S12"]:
-        notes.append(f"{where}: of {unit.name}: S(1.0) is 0: without saturation, as in PSS/E")
+        notes.append(_of_record(record, unit, where, "S(1.0) is 0: without saturation, as in PSS/E"))
     if row["S10"] == 0.0 or row["S12"] <= row["S10"]:
         row["S10"] = row["S12"] = 0.0
     return row
 
 
-def _control(record: Dynamic, unit: Unit, where: str, controls: dict[str, list[Row]], notes: list[str]) -> None:
+def _control(record: Dynamic, unit: Unit, where: str, controls: dict[str, list[Row]], notes: list[str | Note]) -> None:
     """Add a control's record to its table; note parts that are not modelled."""
     if record.model != "HYGOV" and not (record.model in MODELS and MODELS[record.model].record):
-        notes.append(f"{where}: of {unit.name} is not modelled: left out")
+        alone, common = f"{where}: of {unit.name} is not modelled: left out", "is not modelled: left out"
+        notes.append(_of_record(record, unit, where, common)._replace(alone=alone))
         return
     table = "governors" if record.model == "HYGOV" else TABLES[MODELS[record.model].role]
     constants = _constants(record, HYGOV if record.model == "HYGOV" else MODELS[record.model].fields, where)
@@ -219,18 +267,27 @@ def _control(record: Dynamic, unit: Unit, where: str, controls: dict[str, list[R
     if record.model == "HYGOV":
         if row["gate_min"] < 0.001:
             row["gate_min"] = 0.001
-            notes.append(f"{where}: of {unit.name}: GMIN is raised to 0.001: the flow is divided by the gate")
+            text = "GMIN is raised to 0.001: the flow is divided by the gate"
+            notes.append(_of_record(record, unit, where, text))
     else:
         short = [name for name in constants if quantity_of(name).time and 0.0 < row[name] < SHORTEST]
         for name in short:
             row[name] = 0.0
         if short:
-            notes.append(f"{where}: of {unit.name}: {', '.join(short)} below {SHORTEST:g} s: taken as 0")
+            text = f"{', '.join(short)} below {SHORTEST:g} s: taken as 0"
+            notes.append(_of_record(record, unit, where, text))
         if "E2" in row and row.get("VRMAX") == 0.0:  # of a rotating exciter: the value for the field voltage E2
             row["VRMAX"] = (max(row["KE"], 0.0) + row["SE2"]) * row["E2"] or 1.0
             row["VRMIN"] = -row["VRMAX"]
-            notes.append(f"{where}: of {unit.name}: VRMAX is 0: taken as {row['VRMAX']:.4g}, VRMIN as its negative")
+            text = f"VRMAX is 0: taken as {row['VRMAX']:.4g}, VRMIN as its negative"
+            notes.append(_of_record(record, unit, where, text))
     controls[table].append(row)
+
+
+def _of_record(record: Dynamic, unit: Unit, where: str, text: str) -> Note:
+    """A note on the record of a machine."""
+    source = where.partition(": line ")[0]
+    return Note(f"{where}: of {unit.name}: {text}", f"{source}: {record.model}: {text}", "machines", unit.name)
 
 
 def _constants(record: Dynamic, order: str, where: str) -> dict[str, float]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
 from facts_damping_grids.matpower_conversion import ISOLATED
+from facts_damping_grids.notes import Note
 from facts_damping_grids.psse_reading import Row
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from facts_damping_grids.psse_reading import RawCase
 
 
-def buses(case: RawCase, notes: list[str]) -> dict[int, Row]:
+def buses(case: RawCase, notes: list[str | Note]) -> dict[int, Row]:
     """Buses in service by their numbers."""
     buses: dict[int, Row] = {}
     for row in case.tables["bus"]:
@@ -144,7 +145,7 @@ def _impedance(row: Row, number: int, base_power: float) -> complex:
 
 
 def transformers(
-    case: RawCase, bus_rows: Mapping[int, Row], notes: list[str]
+    case: RawCase, bus_rows: Mapping[int, Row], notes: list[str | Note]
 ) -> tuple[list[Row], list[str], list[Row]]:
     """Two-winding transformers, three-winding ones as stars, the buses of the stars, and magnetising shunts."""
     rows, stars, shunts, used = list[Row](), list[str](), list[Row](), set[str]()
@@ -186,7 +187,7 @@ def _two_windings(
     return values | ({"tap": tap} if tap != 1.0 else {}) | ({"phase_shift": turn} if turn else {})
 
 
-def _magnetising(row: Row, bus: int, name: str, case: RawCase, notes: list[str]) -> list[Row]:
+def _magnetising(row: Row, bus: int, name: str, case: RawCase, notes: list[str | Note]) -> list[Row]:
     """The magnetising branch as a shunt at the first bus; CM: 1: G and B of the system base, 2: W and p.u. current."""
     G, B = row["MAG1"], row["MAG2"]
     if not (G or B):
@@ -195,5 +196,6 @@ def _magnetising(row: Row, bus: int, name: str, case: RawCase, notes: list[str])
         rating = row["S1"] or case.base_power
         G, current = G / 1e6 / case.base_power, B * rating / case.base_power
         B = -math.sqrt(max(0.0, current * current - G * G))
-    notes.append(f"line {row['line']}: the magnetising branch of {name} is a shunt, which stays when it opens")
+    alone = f"line {row['line']}: the magnetising branch of {name} is a shunt, which stays when it opens"
+    notes.append(Note(alone, "magnetising branches are shunts, which stay when it opens", "transformers", name))
     return [_shunt(f"magnetising_{name}", bus, G, B, case)]

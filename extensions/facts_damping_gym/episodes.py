@@ -15,12 +15,13 @@ from facts_damping.compiling.structs import Table
 from facts_damping.control.called import sensed
 from facts_damping.control.inputs import inputs
 from facts_damping.errors import InputError
+from facts_damping.parameters.field_errors import short
 from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
 from facts_damping.simulation.loop import build_loop
 from facts_damping.simulation.programs.policies import check
-from facts_damping_gym.many import AgentInputs, Episodes, step_many
+from facts_damping_gym.many import AgentInputs, Episodes, Told, step_many
 from facts_damping_studies.sweeps import sweep
 
 if TYPE_CHECKING:
@@ -113,6 +114,7 @@ class Episode:
             scale=scale,
             weights=self.weights[None],
             deviations=deviations[None],
+            told=told_at_start(1, places_of(case, c), [supervisor_of(case, c)]),
         )
         self._go_on()
 
@@ -136,6 +138,11 @@ class Episode:
         check(self.loop.programs)
 
     @property
+    def told(self) -> Told:
+        """What the information of the newest tick tells."""
+        return self._alone.told
+
+    @property
     def lost(self) -> bool:
         """Whether the plant has lost synchronism: the episode ends."""
         return bool(self._alone.lost[0])
@@ -148,6 +155,39 @@ class Episode:
     def record(self) -> Record:
         """The record up to now."""
         return loop.record(self.case, self.loop)
+
+
+def told_at_start(episodes: int, places: list[int], supervisors: list[int]) -> Told:
+    """What the information of episodes tells, at their start."""
+    zeros, tripped = np.zeros(episodes), np.zeros(episodes, np.bool_)
+    setpoints = np.zeros((episodes, len(places)))
+    return Told(np.array(places), np.array(supervisors), zeros, zeros.copy(), setpoints, tripped)
+
+
+def places_of(case: Case, c: int) -> list[int]:
+    """Indices of the devices of controller `c` among those of the run."""
+    return [list(case.run.devices).index(name) for name in case.controllers[c].devices]
+
+
+def supervisor_of(case: Case, c: int) -> int:
+    """Index of the supervisor of controller `c`; -1: it has none."""
+    if case.supervision is None or case.controllers[c].fallback_of is not None:
+        return -1
+    return sum(controller.fallback_of is None for controller in case.controllers[:c])
+
+
+def checked(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Actions within -1 to 1. Raises `ValueError` for another shape and for what is no finite number."""
+    try:
+        asked = np.asarray(action, np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"action: {short(action)} given; allowed: numbers of shape {shape}") from error
+    if asked.shape != shape and not (len(shape) == 1 and asked.size == shape[0]):
+        raise ValueError(f"action: shape {asked.shape} given; allowed: {shape}, -1 to 1 for each device")
+    if not np.isfinite(asked).all():
+        at = np.argwhere(~np.isfinite(asked))[0]
+        raise ValueError(f"action{at.tolist()}: {asked[tuple(at)]} given; allowed: a finite number, -1 to 1")
+    return np.clip(asked.reshape(shape), -1.0, 1.0)
 
 
 def weights_of(case: Case) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ from facts_damping.compiling.structs import Array, Bool1, Float1, Float2, Float3
 from facts_damping.control.called import Sensed, sense
 from facts_damping.control.inputs import Inputs, LatestSamples
 from facts_damping.link.transfer import RING_DELIVERED
+from facts_damping.monitor_table import TRIPPED
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.tick import Loop, run_half_ticks
 
@@ -68,6 +69,17 @@ def observe(
             deviations[d] += weights[d, m] * machines[m].speed_deviation
 
 
+class Told(Struct):
+    """What the information of a step tells; the first axis of all but `places` is the episode."""
+
+    places: Int1  # indices of the agent's devices
+    supervisors: Int1  # index of the agent's supervisor; -1: none
+    itae: Float1  # p.u. s^2, so far
+    integrand: Float1  # of the newest tick
+    setpoints: Float2  # (episodes, devices), p.u., in force
+    tripped: Bool1  # whether the supervisor has tripped the agent
+
+
 class Episodes(Struct):
     """Episodes side by side; the first axis is the episode."""
 
@@ -83,6 +95,23 @@ class Episodes(Struct):
     scale: Float1
     weights: Float3  # (episodes, differences, machines)
     deviations: Float2  # (episodes, differences)
+    told: Told
+
+
+@compiled
+def tell(told: Told, e: int, loop: Loop, tick: int, deviations: NDArray[np.float64]) -> None:
+    """Write what the information of a tick tells; ITAE by the trapezoidal rule."""
+    time_ns, devices = loop.signals.time_ns, loop.signals.devices
+    before, integrand = told.integrand[e], 0.0
+    for deviation in deviations:
+        integrand += abs(deviation)
+    told.integrand[e] = integrand * (time_ns[tick] / 1e9)
+    if tick > 0:
+        told.itae[e] += (time_ns[tick] - time_ns[tick - 1]) / 1e9 * (before + told.integrand[e]) / 2
+    for d in range(told.places.size):
+        told.setpoints[e, d] = devices[tick, told.places[d]].setpoint
+    s = told.supervisors[e]
+    told.tripped[e] = s >= 0 and loop.control.supervisor_state.rows[s].state == TRIPPED
 
 
 @entry_point
@@ -103,3 +132,4 @@ def step_many(all_of: Episodes, first: int, stride: int) -> None:
         rows = links.up.out[link, : links.up.ring[link, RING_DELIVERED]]
         window, weights, deviations = all_of.windows[e], all_of.weights[e], all_of.deviations[e]
         observe(eyes, rows, end_ns, window, all_of.scale, weights, signals.machines[tick], deviations)
+        tell(all_of.told, e, loop, tick, deviations)

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from facts_damping.errors import InputError
-from facts_damping_gym.episodes import Episode, Source, weights_of
+from facts_damping_gym.episodes import Episode, Source, checked, weights_of
 from facts_damping_gym.many import MAX_AGE, MAX_SIGNAL
 from facts_damping_gym.reward import IndexReward, Reward
 from facts_damping_gym.window import each_scale
@@ -75,6 +75,8 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
     it. **Action**, (devices,): setpoints, -1 to 1 of the limits; issued at the last arrival of the tick that it
     answers, and without effect if nothing arrived. **Reward**: see `IndexReward`; any similar function may replace it.
     `terminated` at loss of synchronism, with `lost` subtracted from the reward; `truncated` at the end.
+    **Information**, also of `reset`: what was drawn (`point`, `seed`, fields of a study), `ITAE` so far (p.u. s^2),
+    `in_synchronism`, `setpoint` in force, (devices,), p.u., and `tripped`: whether a supervisor has tripped the agent.
 
     `run`: name under config/runs, or a path; or `study`, name or path, from whose points episodes are drawn;
     `controller`: index of the replaced controller; `fields`: changed fields of the run, as in `facts_damping.simulate`.
@@ -91,25 +93,32 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
         self._window = np.zeros(self.observation_space.shape or (), np.float32)
         self._deviations = np.zeros(len(self._setting.weights))
         self.episode: Any = None  # an `Episode`, once one has begun
+        self._drawn: dict[str, Any] = {}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
-        """Begin an episode; the information has what was drawn."""
+        """Begin an episode."""
         super().reset(seed=seed)
-        self.episode, drawn = self._setting.begin(self.np_random, options, self._window, self._deviations)
-        return self._window.copy(), drawn
+        self.episode, self._drawn = self._setting.begin(self.np_random, options, self._window, self._deviations)
+        return self._window.copy(), self._information()
+
+    def _information(self) -> dict[str, Any]:
+        told, lost = self.episode.told, self.episode.lost
+        so_far = {"ITAE": float(told.itae[0]), "in_synchronism": not lost, "tripped": bool(told.tripped[0])}
+        return {**self._drawn, **so_far, "setpoint": told.setpoints[0].copy()}
 
     def step(self, action: NDArray[Any]) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Answer the newest tick, and go on to the next one."""
         episode = self.episode
         if episode is None or episode.over or episode.lost:
             raise gymnasium.error.ResetNeeded("no episode is running: call reset")
-        asked = np.clip(np.asarray(action, np.float64).reshape(-1), -1.0, 1.0)
+        asked = checked(action, self._setting.action_space.shape)
         episode.step(asked)
         setting, lost = self._setting, episode.lost
         reward = float(setting.reward(setting.dt, np.float64(episode.time_s), self._deviations, asked))
-        return self._window.copy(), reward - setting.lost * lost, lost, episode.over and not lost, {}
+        over = episode.over and not lost
+        return self._window.copy(), reward - setting.lost * lost, lost, over, self._information()
 
     def record(self) -> Record:
         """The record of the episode up to now."""

@@ -15,6 +15,7 @@ from gymnasium.vector.utils import batch_space
 from facts_damping.compiling.structs import Table
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.programs.policies import check
+from facts_damping_gym.episodes import checked, places_of, told_at_start
 from facts_damping_gym.many import Episodes, step_many
 from facts_damping_gym.single import Setting
 
@@ -52,6 +53,9 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         self._windows = np.zeros((num_envs, *self._setting.observation_space.shape), np.float32)
         self._weights = np.zeros((num_envs, *self._setting.weights.shape))
         self._deviations = np.zeros((num_envs, len(self._setting.weights)))
+        self._points, self._seeds = np.zeros((2, num_envs), np.int64)
+        places = places_of(self._setting.source.first, self._setting.controller)
+        self._told, self._each = told_at_start(num_envs, places, [-1] * num_envs), np.ones(num_envs, np.bool_)
         self._all: Episodes | None = None
         self._threads = min(threads or os.cpu_count() or 1, num_envs)
         self._pool = ThreadPoolExecutor(self._threads)
@@ -66,13 +70,23 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
                 self._random[i] = np_random(episode_seed)[0]
         self._episodes = [self._begin(i, options) for i in range(self.num_envs)]
         self._ended[:] = False
-        return self._windows.copy(), {}
+        return self._windows.copy(), self._information()
+
+    def _information(self) -> dict[str, Any]:
+        """That of each episode, along a leading axis, without fields of a study; with Gymnasium's masks."""
+        told = self._told
+        present = {"point": self._points, "seed": self._seeds, "ITAE": told.itae, "in_synchronism": ~self._lost}
+        present |= {"tripped": told.tripped, "setpoint": told.setpoints}
+        return {name: values.copy() for name, values in present.items()} | {f"_{name}": self._each for name in present}
 
     def _begin(self, i: int, options: dict[str, Any] | None = None) -> Episode:
-        episode, _ = self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])
+        episode, drawn = self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])
         self._all = None  # rebuilt from the present episodes
         self._ticks[i], self._last[i], self._lost[i] = episode.tick, episode.case.ticks - 1, episode.lost
         self._limits[i], self._weights[i] = episode.limits, episode.weights
+        self._points[i], self._seeds[i] = drawn["point"], drawn["seed"]
+        for name in ("supervisors", "itae", "integrand", "setpoints", "tripped"):
+            getattr(self._told, name)[i] = getattr(episode.told, name)[0]
         return episode
 
     def step(
@@ -81,7 +95,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         """A step of each episode; for an ended one, the start of the next."""
         if not self._episodes:
             raise ResetNeeded("no episode is running: call reset")
-        asked = np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
+        asked = checked(actions, self.action_space.shape or ())
         np.multiply(asked, self._limits, out=self._setpoints)
         self._waits[:] = self._ended
         for i in np.flatnonzero(self._waits):
@@ -91,7 +105,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         lost, over = self._lost & goes, (self._ticks >= self._last) & ~self._lost & goes
         rewards = setting.reward(setting.dt, self._time_ns / NANOSECONDS, self._deviations, asked) - setting.lost * lost
         self._ended = lost | over
-        return self._windows.copy(), np.where(goes, rewards, 0.0), lost, over, {}
+        return self._windows.copy(), np.where(goes, rewards, 0.0), lost, over, self._information()
 
     def _go_on(self) -> None:
         """Step all episodes that do not wait, split over the threads, in one compiled call."""
@@ -101,7 +115,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
                 Table([episode.eyes for episode in self._episodes]),
             )
             states = self._waits, self._ticks, self._time_ns, self._lost, self._setting.controller, self._setpoints
-            seen = self._windows, self._setting.scale, self._weights, self._deviations
+            seen = self._windows, self._setting.scale, self._weights, self._deviations, self._told
             parts: tuple[Any, ...] = (*tables, *states, *seen)
             self._all = Episodes(*parts)
         all_of = self._all

@@ -14,6 +14,7 @@ from facts_damping.case.names import controller_names, label, link_addresses
 from facts_damping.cli.reporting import say, tell_graph
 from facts_damping.cli.runs import WITH_RUN, out_folder
 from facts_damping.errors import InputError, RunError
+from facts_damping.interruption import tell
 from facts_damping.output.tables import table
 from facts_damping.output.terminal import Progress, put
 from facts_damping.output.writing import write_json
@@ -46,11 +47,15 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
     servers = serving.servers(case, asked, lambda: (epoch, 0))
     pdc = Pdc(case, epoch, None if link is None else WAIT_S)
 
+    tell("the streams have ended")
+
     async def whole() -> None:
         try:
             say(arguments, *await serving.begin(servers, asked))
             put("", flush=True)
-            await recorded.play(servers, recorded.instants(record, pdc, link), each=asked.each)
+            with Progress("pmu-serve", "s") as progress:
+                timed = recorded.counted(recorded.instants(record, pdc, link), float(np.ptp(record.time_s)), progress)
+                await recorded.play(servers, timed, each=asked.each)
         finally:
             for server in servers:
                 await server.end()

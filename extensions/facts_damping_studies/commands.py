@@ -181,9 +181,11 @@ def _report(arguments: argparse.Namespace, plan: SweepPlan) -> None:
     """Write one page that compares the runs of a study, each named by what differs; the runs are made again."""
     named, columns = [], plan.points[0].columns
     differing = [name for name in columns if len({str(point.columns[name]) for point in plan.points}) > 1]
-    for point in plan.points:
-        name = ", ".join(str(point.columns[name]) for name in differing)
-        named.append((name or plan.name, loop.run(make(plan.base, point.changes))))
+    with Progress("report", "runs") as progress:
+        for done, point in enumerate(plan.points):
+            progress(done, len(plan.points))
+            name = ", ".join(str(point.columns[name]) for name in differing)
+            named.append((name or plan.name, loop.run(make(plan.base, point.changes))))
     records = [record for _, record in named]
     results = detailed([run_result(record) for record in records], records, 0)
     say(arguments, *page(arguments, named, results, 0))
@@ -262,7 +264,8 @@ def score(arguments: argparse.Namespace) -> None:
     clean_up_first()
     with Progress("score", "cases") as progress:
         cards = card.cards_of(case_set, entrants, arguments.jobs, progress)
-    cards = with_worst(case_set, cards, entrants, arguments.hunt, arguments.jobs)
+    with Progress("hunt", "controllers") as progress:
+        cards = with_worst(case_set, cards, entrants, arguments.hunt, arguments.jobs, progress)
     ranked = card.ranking(cards)
     documents = [each.document() for each in ranked]
     write_json(arguments.json, {"ranking": documents} if arguments.controller is None else cards[0].document())

@@ -107,7 +107,7 @@ def judge(
     points, sizes = envelopes(rest, dt)
     first = envelope(t, x, begin, min(begin + WINDOW, t[-1]))
     if len(points) < 2:
-        because = f"too short: {len(rest) * dt:.1f} s after the first second"
+        because = _too_short(min(begin + SKIP, float(t[-1])), float(t[-1]))
         return Judgement(UNDECIDED, because, None, begin, float(first.max()))
     floor = max(BAND * float(max(first.max(), sizes.max())), RESOLUTION)
     waves = cache(fitted or (lambda: fit_ringdown(time_s, signals, since)))
@@ -168,7 +168,7 @@ def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
     length = float(part.points[-1] - part.points[first]) + HANN
     size = float(np.median(part.sizes[first:]))
     if growth is None:
-        return Judgement(UNDECIDED, f"too short: {length:.1f} s of oscillation", None, start, size)
+        return Judgement(UNDECIDED, _too_short(start, start + length), None, start, size)
     if growth.high < 0.0 and growth.value * length < -STEADY:
         return Judgement(DAMPED, "it decays", growth, start, size)
     rest = part.samples[len(part.samples) - round(length / part.dt) :]
@@ -183,6 +183,11 @@ def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
     if may > STEADY and (seen > STEADY or may > WIDEST):
         return Judgement(UNDECIDED, "it may grow or decay: the interval contains zero and is wide", growth, start, size)
     return Judgement(LIMIT_CYCLE, "it neither grows nor decays", growth, start, size)
+
+
+def _too_short(begin: float, end: float) -> str:
+    """Why there is no growth rate: what is judged, s; a part of it may be left out, such as before a bend."""
+    return f"too short: {end - begin:.1f} s of oscillation, from {begin:.1f} to {end:.1f} s; {2 * HANN:g} s are needed"
 
 
 def _growth(part: _Part, first: int, end: int, minimum: float = FREE) -> Growth | None:

@@ -91,6 +91,7 @@ def _do(arguments: argparse.Namespace) -> None:
 
     if arguments.verbose:
         os.environ[VERBOSE] = "1"  # for nodes and workers, too
+    interruption.tell(interruption.NOTHING)
     files.check_writable(arguments.json)
     if getattr(arguments, "nodes", False):
         from facts_damping.nodes.launching import forked

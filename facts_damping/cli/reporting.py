@@ -135,10 +135,11 @@ def write_page(path: Path, named: Named, results: Sequence[RunResult], baseline:
     pages.write_runs(path, runs, baseline)
 
 
-def step_times_report(took: Mapping[str, StepTimes]) -> tuple[dict[str, Any], list[str]]:
-    """Durations of programs' steps, for JSON and as lines; empty if there are none."""
-    times = {"step_times": dict(took)} if took else {}
-    return times, [f"{name}: {times}" for name, times in took.items()]
+def step_times_report(took: Mapping[str, StepTimes], frame_rate: int) -> tuple[dict[str, Any], list[str]]:
+    """Durations of programs' steps, for JSON and as lines; empty if there are none. `frame_rate`: frames a second."""
+    slow = f": slower than a frame ({1e3 / frame_rate:.1f} ms); as a node in real time it would miss its deadlines"
+    lines = [f"{name}: {times}{slow * (times.mean_s * frame_rate > 1.0)}" for name, times in took.items()]
+    return {"step_times": dict(took)} if took else {}, lines
 
 
 def _missing(outcome: Outcome, record: Record) -> int:
@@ -186,7 +187,7 @@ def tell_graph(
     record = seal(outcome.recording)
     counts = {"deadline_misses": outcome.deadline_misses, "messages_lost": record.messages_lost}
     counts["ticks_missing"] = _missing(outcome, record)
-    times, steps = step_times_report(outcome.step_times)
+    times, steps = step_times_report(outcome.step_times, record.configuration["frame_rate"])
     further, lines = more(record) if more is not None else ({}, [])
     lines += [*steps, "; ".join(f"{count.replace('_', ' ')}: {number}" for count, number in counts.items())]
     result = run_result(record, outcome.wall_s, str(outcome.recording))

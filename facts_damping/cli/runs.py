@@ -65,12 +65,16 @@ def simulate(arguments: argparse.Namespace) -> None:
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     began = time.perf_counter()
     built = loop.build_loop(case)
-    record = loop.finish(case, built)
+    name = label(case.summary())
+    with Progress(name) as progress:
+        record = loop.finish(case, built, progress)
     result = run_result(record, time.perf_counter() - began)
     if arguments.check_step:
         from facts_damping.analysis import convergence
 
-        finer = run_result(loop.run(loop.with_half_step(case)))
+        half = loop.with_half_step(case)
+        with Progress(f"{name}, half the step") as progress:
+            finer = run_result(loop.finish(half, loop.build_loop(half), progress))
         result = replace(result, summary=convergence.compare(result.summary, finer.summary))
     folder, saved = None, []
     if arguments.out is not None:
@@ -78,9 +82,9 @@ def simulate(arguments: argparse.Namespace) -> None:
         for name, weights in adapted_weights.all_adapted(case, built).items():
             saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
             write_whole(folder / f"{name}.weights.yaml", dump(weights.model_dump()))
-    times, lines = step_times_report(step_times(built.programs))
+    times, lines = step_times_report(step_times(built.programs), case.run.frame_rate)
     result = replace(result, more=times)
-    report(arguments, [(label(case.summary()), record)], [result], folder, *saved, *lines)
+    report(arguments, [(name, record)], [result], folder, *saved, *lines)
     check_ended_well(result.summary, record)
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-SILENCE_S = 3.0  # s; a busy line appears after this time without output
+SILENCE_S = 1.0  # s; a busy line appears after this time without output
 
 
 def duration(seconds: float) -> str:
@@ -71,7 +71,7 @@ class Progress:
 
     def close(self) -> None:
         """End the line."""
-        if self._shown:
+        if Progress.shown is self:
             Progress.shown = None
             complain("\n")
 
@@ -131,7 +131,7 @@ def busy_line(name: str) -> Iterator[None]:
     began, over = time.monotonic(), threading.Event()
 
     def refresh() -> None:
-        while not over.wait(1.0):
+        while not over.wait(0.5):
             elapsed, line = time.monotonic() - began, Progress.shown
             if line is not None:
                 os.write(2, str(line).encode())

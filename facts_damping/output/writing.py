@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.escaping import escaped
-from facts_damping.interruption import interruptions_held
+from facts_damping.interruption import interruptions_held, written
 from facts_damping.output.terminal import put
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def replacing(path: Path) -> Iterator[Path]:
             with naming(str(path)):
                 yield beside
                 beside.replace(place)
+            written(str(path))
         except BaseException:
             beside.unlink(missing_ok=True)
             raise

@@ -150,6 +150,19 @@ def _wanted(model: type[ParameterModel], location: tuple[int | str, ...]) -> str
     return ", ".join([*([f"in {unit}"] if unit else []), *limits_text, *usual]) or "a value of this field"
 
 
+def _kind_wanted(model: type[ParameterModel], error: Any) -> str:
+    """A list, such as of the text that was given; or the keys of a table, with an example of those that it needs."""
+    value, here = error["input"], _model_at(model, (*error["loc"], ""))
+    if error["type"] == "list_type":
+        of_texts = getattr(_field(model, error["loc"]), "annotation", None) == list[str]
+        return f"a list, such as [{value}]" if of_texts and isinstance(value, str) else "a list"
+    if here is None or error["type"] == "dict_type":
+        return "a table, key: value"
+    fields = {field.alias or name: field for name, field in here.model_fields.items() if name != "asked"}
+    needed = ", ".join(f"{name}: {field.examples[0]}" for name, field in fields.items() if field.examples)
+    return f"a table with {', '.join(fields)}" + (f", such as {{{needed}}}" if needed else "")
+
+
 def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None = None, under: str = "") -> M:
     """Content as a model; the first error as one line: source, field, value, what is allowed."""
     with worded(source, sets):
@@ -186,6 +199,8 @@ def check_field(model: type[M], content: Any, under: str) -> M:
         raise FieldError(".".join(path[:-1]), f"{names}: missing; allowed: {wanted}")
     if kind == "value_error":
         raise FieldError(field, message)
+    if kind in ("list_type", "dict_type", "model_type", "model_attributes_type"):
+        raise FieldError(field, f"{short(value)} given; allowed: {_kind_wanted(model, first)}")
     allowed = re.sub(r"^(Input should be|Input should have|.* should have|.* should match) ", "", message)
     unit = _extra(model, location).get("unit", "-")
     raise FieldError(field, f"{short(value)} given; allowed: {allowed}{'' if unit == '-' else f', in {unit}'}")

@@ -225,7 +225,9 @@ class Tables(ParameterModel):
         description="column whose values stand side by side, with a table for each result; none: the results are side "
         "by side in one table",
     )
-    figures: list[str] = Field(..., min_length=1, description="columns with the results that are shown")
+    figures: list[str] = Field(
+        ..., min_length=1, examples=["[ITAE, trips]"], description="columns with the results that are shown"
+    )
 
 
 class Study(ParameterModel):

@@ -10,7 +10,7 @@ from typing import IO, TYPE_CHECKING, Any
 from mcap.writer import CompressionType, Writer
 
 from facts_damping.errors import RecordingError
-from facts_damping.interruption import clean_up_first
+from facts_damping.interruption import RECORDED, clean_up_first
 from facts_damping.output.writing import write_whole
 from facts_damping.recording.bagfile import FILE_NAME, INFORMATION, RELIABLE, TopicInfo, bag_information, dump, qos_text
 from facts_damping.recording.chunks import may_pack
@@ -39,7 +39,7 @@ class RecordingWriter:
 
     def __init__(self, folder: Path | str, configuration: str = "", versions: Mapping[str, str] | None = None) -> None:
         """Open a new recording."""
-        clean_up_first()
+        clean_up_first(RECORDED)
         self.folder = Path(folder)
         self.file = self.folder / f"{self.folder.resolve().name}_0.mcap"
         self._versions = {name: str(version) for name, version in (versions or {}).items()}

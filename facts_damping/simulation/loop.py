@@ -45,6 +45,8 @@ from facts_damping.simulation.tick import ControlSystem, Loop, Signals, Used, ru
 from facts_damping.version import versions
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
@@ -52,7 +54,7 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
 
 BY_TICK = ("time_ns", "frames", "measured_ns", "status", "machines", "devices", "in_synchronism")
-TICKS_AT_ONCE = 3600  # between such blocks other threads can run
+TICKS_AT_ONCE = 12  # between such blocks other threads can run, and progress is shown
 
 
 def setpoint_buffer(per_arrival: int, entries: int) -> NDArray[Any]:
@@ -129,8 +131,8 @@ def step(loop: Loop, tick: int) -> bool:
     return sound
 
 
-def run_loop(loop: Loop) -> None:
-    """Run all ticks, or until the plant is no longer sound.
+def run_loop(loop: Loop, progress: Callable[[int, int], object] = lambda *_: None) -> None:
+    """Run all ticks, or until the plant is no longer sound; `progress`: called with the ticks done, and all.
 
     Raises `RunError` if a user's program has failed.
     """
@@ -139,6 +141,7 @@ def run_loop(loop: Loop) -> None:
     for first, until in pairwise(begins):
         restarts.begin(first)
         goes_on = goes_on and run_half_ticks(loop, 2 * first, 2 * until)
+        progress(until, last)
     check(loop.programs)
 
 
@@ -152,9 +155,9 @@ def run(case: Case) -> Record:
     return finish(case, build_loop(case))
 
 
-def finish(case: Case, loop: Loop) -> Record:
+def finish(case: Case, loop: Loop, progress: Callable[[int, int], object] = lambda *_: None) -> Record:
     """Run a loop from start to end; returns its record. The loop keeps its final state."""
-    run_loop(loop)
+    run_loop(loop, progress)
     return record(case, loop)
 
 

@@ -154,7 +154,13 @@ def test_still_signal_is_damped_and_noisy_or_short_ones_are_undecided() -> None:
         assert judge(T, 1e-4 * noise, 1.0).verdict == UNDECIDED
     late = judge(T, wave(-0.05, start=17.0), 17.0)  # 3 s after the last event
     assert late.verdict == UNDECIDED
-    assert "too short" in late.because
+    assert late.because == "too short: 2.0 s of oscillation, from 18.0 to 20.0 s; 8 s are needed"
+    noisy = wave(-0.05) + 3e-5 * random.standard_normal(1200)  # from 1 s on; no sum of waves
+    for end, said in (
+        (8.1, "too short: 7.0 s of oscillation, from 1.0 to 8.0 s; 8 s are needed"),
+        (9.1, "it may grow"),
+    ):
+        assert judge(T[end > T], noisy[end > T]).because.startswith(said)
     assert judge(T, np.where(T < 5, wave(-0.1), np.nan), 1.0).verdict == UNDECIDED
 
 

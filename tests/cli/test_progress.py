@@ -6,10 +6,18 @@ import os
 import pty
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
 import pytest
 
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
+from facts_damping.digest import digest
 from facts_damping.output.terminal import duration
+from facts_damping.simulation import loop
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 SILENT = "import time, facts_damping.output.terminal as t; t.SILENCE_S = 1.0\nwith t.busy_line('modes'): "
 SLEEPS, SAYS = "time.sleep(2.5)", "time.sleep(2.5); t.clear_line(); print('done')"
@@ -56,6 +64,27 @@ def test_note_replaces_the_line_of_progress(shown: dict[str, str]) -> None:
 def test_pipe_gets_no_such_line() -> None:
     done = subprocess.run([sys.executable, "-c", SILENT + SLEEPS], check=True, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("", "")
+
+
+def test_run_in_this_process_tells_its_ticks_and_keeps_its_bits() -> None:
+    case = load_case("two_area_small", ["duration=1"])
+    told = list[tuple[int, int]]()
+    record = loop.finish(case, loop.build_loop(case), lambda done, of: told.append((done, of)))
+    assert told == [(done, 60) for done in range(12, 61, 12)]
+    assert digest(record) == digest(loop.run(case))
+
+
+@pytest.mark.parametrize(("step_s", "slow"), [(0.02, True), (0.0, False)])
+def test_class_that_is_slower_than_a_frame_is_told_at_the_end(
+    step_s: float, slow: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = "import time\nclass Mine:\n    def __init__(self, spec): pass\n    def step(self, t_s, y, age_s, fresh):\n"
+    (tmp_path / "mine.py").write_text(f"{text}        time.sleep({step_s})\n        return 0.0\n")
+    sets = ["controllers.0.name=mine", f"controllers.0.policy={tmp_path / 'mine.py'}:Mine", "duration=0.5"]
+    assert main(["simulate", "two_area_small", *(part for change in sets for part in ("--set", change))]) == 0
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if "steps of" in line)
+    assert (": slower than a frame (16.7 ms); as a node in real time it would miss its deadlines" in line) == slow
+    assert ("30 steps of 2" in line and " ms, 99 % within" in line) == slow
 
 
 @pytest.mark.parametrize(

@@ -233,6 +233,84 @@ def test_psse_record_without_a_model_is_named_with_its_substitute(
         assert said in errors
 
 
+INVERTERS = ("3 'GENROU'", "3 'REGCA1'"), ("3 'SEXS' 1 ", "3 'REECA1' 1 "), ("2 'GENROU'", "2 'WT4G1'")
+
+
+def with_inverters(count: int) -> str:
+    """The machines' data, of which some become inverters."""
+    text = DYR.read_text()
+    for before, after in INVERTERS[: count + 1]:
+        assert before in text
+        text = text.replace(before, after)
+    return text
+
+
+def test_inverters_are_refused_all_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "case.dyr").write_text(with_inverters(2))
+    message = one_line([str(RAW), str(tmp_path / "case.dyr"), "--out", str(tmp_path / "case.yaml")], capsys)
+    assert "case.dyr: inverters given: G2 (WT4G1), G3 (REGCA1, REECA1); allowed: synchronous machines, or" in message
+    assert "--inverters load" in message
+    assert not (tmp_path / "case.yaml").exists()
+
+
+def test_inverters_as_loads_have_no_inertia_and_keep_the_power_flow(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Their reactive power is that of the case, here of the solved one."""
+    flow = solve(imported(tmp_path, RAW.read_text(), DYR.read_text()), [])
+    Q = {name: 100.0 * power.imag for name, power in flow.generation.items()}
+    raw = raw_with(("^2,'1 ',163,0,", f"2,'1 ',163,{Q['G2']!r},"), ("^3,'1 ',85,0,", f"3,'1 ',85,{Q['G3']!r},"))
+    (tmp_path / "case.raw").write_text(raw)
+    (tmp_path / "case.dyr").write_text(with_inverters(2))
+    paths = [str(tmp_path / name) for name in ("case.raw", "case.dyr")]
+    assert main(["import", *paths, "--inverters", "load", "--out", str(tmp_path / "case.yaml")]) == 0
+    said = "inverters are negative loads of their constant PG and QG (2 generators: G2, G3)"
+    assert said in capsys.readouterr().err
+    system = load_system(str(tmp_path / "case.yaml"))
+    assert [machine.name for machine in system.machines] == ["G1"]
+    assert {load.name: load.P for load in system.loads if load.P < 0} == {"inverter_G2": -163, "inverter_G3": -85}
+    assert voltages(system) == pytest.approx(dict(zip(flow.names, flow.voltage, strict=True)), abs=1e-9)
+    assert main(["modes", str(tmp_path / "case.yaml")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "written", "said"),
+    [
+        ("ieee14.xlsx", True, "ieee14.xlsx: a file of format '.xlsx' given; allowed: a MATPOWER case (.m) or a PSS/E"),
+        ("ieee14.xlsx", False, "ieee14.xlsx: no such file; allowed: a MATPOWER case (.m) or a PSS/E case (.raw)"),
+        ("ieee14.raw", False, "ieee14.raw: no such file; allowed: an existing PSS/E RAW file"),
+        ("ieee14.m", False, "ieee14.m: no such case; allowed: an existing MATPOWER file (.m)"),
+    ],
+)
+def test_case_that_is_none_is_refused_with_what_is_allowed(
+    name: str, written: bool, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if written:
+        (tmp_path / name).write_bytes(b"PK")
+    assert said in one_line([str(tmp_path / name)], capsys)
+
+
+def test_slack_that_is_an_inverter_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "case.dyr").write_text(DYR.read_text().replace("1 'GENROU'", "1 'REGFM_A1'"))
+    message = one_line([str(RAW), str(tmp_path / "case.dyr"), "--inverters", "load"], capsys)
+    assert "no generator in service at a bus of type 3 given; allowed: at least one, no inverter" in message
+
+
+def test_equal_notes_are_one_line_with_a_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    gates = "".join(f"{n} 'HYGOV' 1 0.04 0.4 5 0.05 0.5 0.2 1 0 1 1.2 0 0.1 /\n" for n in (2, 3))
+    more = "".join(f"{n} 'USRMDL' 1 5 /\n" for n in (1, 2, 3, 3))
+    imported(
+        tmp_path,
+        RAW.read_text(),
+        DYR.read_text().replace("2 'TGOV1' 1   0.05 0.49 2 0 2.1 7.0 0.1 /\n", "") + gates + more,
+    )
+    errors = capsys.readouterr().err.splitlines()
+    said = "case.dyr: HYGOV: GMIN is raised to 0.001: the flow is divided by the gate (2 machines: G2, G3)"
+    assert errors.count(f"facts-damping: {said}") == 1
+    said = "case.dyr: USRMDL: is not modelled: left out (4 machines: G1, G2, G3 and 1 more)"
+    assert f"facts-damping: {said}" in errors
+
+
 def test_limit_that_does_not_admit_the_start_is_widened_and_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -12,6 +13,7 @@ from gymnasium.utils.env_checker import check_env
 import facts_damping as fd
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError, RunError
+from facts_damping.monitor_table import TRIPPED
 from facts_damping.simulation import loop
 from facts_damping.simulation.programs.spec import Spec, spec_of
 from facts_damping_gym import NAME
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
 LOSSY = {"up": [{"model": "bernoulli", "loss": 0.3}, {"model": "uniform", "low": 0.0, "high": 0.15}]}
 SHORT: Any = {"duration": 2}
+ALL_INFORMATION = ("point", "seed", "ITAE", "in_synchronism", "setpoint", "tripped")
 
 
 def law(seen: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -54,7 +57,6 @@ def same(first: Any, other: Any) -> bool:
     return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in zip(first, other, strict=True))
 
 
-@pytest.mark.filterwarnings("ignore:.*Casting input x to numpy array")
 def test_gymnasium_finds_nothing_wrong_with_it() -> None:
     check_env(gymnasium.make(NAME, **SHORT).unwrapped)
 
@@ -181,6 +183,55 @@ def test_rewards_are_minus_the_index() -> None:
     assert costs == pytest.approx([3.0 * 0.25 / 60] * 3)
 
 
+def test_information_is_that_of_the_record() -> None:
+    """At each step: the index so far, the setpoint that acts, what was drawn."""
+    env = WideAreaDamping(link="delay_100ms", **SHORT)
+    episode, record = played(env, 1), env.record()
+    infos = [episode[0][1], *(step[4] for step in episode[1:])]
+    assert infos[-1]["ITAE"] == pytest.approx(fd.summarise(record)["indices"]["ITAE"], rel=1e-9)
+    assert all(before["ITAE"] <= after["ITAE"] for before, after in pairwise(infos))
+    assert [info["setpoint"].tolist() for info in infos] == record.devices["setpoint"].tolist()
+    assert np.ptp(record.devices["setpoint"]) > 0.0
+    drawn = {(info["point"], info["seed"], info["in_synchronism"], info["tripped"]) for info in infos}
+    assert drawn == {(0, infos[0]["seed"], True, False)}
+
+
+def test_information_tells_a_trip_and_the_loss_of_synchronism() -> None:
+    env = WideAreaDamping("two_area_supervised", duration=7)
+    env.reset(seed=1)
+    infos = [env.step(np.ones(1))[4] for _ in range(400)]  # at its limit
+    record = env.record()
+    trips = record.supervision["tick"][record.supervision["state"] == TRIPPED]
+    assert [info["tripped"] for info in infos].index(True) == trips[0]  # told by the step that answers that tick
+    lost = WideAreaDamping()
+    info = lost.reset(seed=1)[1]
+    while info["in_synchronism"]:
+        *_, terminated, _, info = lost.step(np.zeros(1))
+    assert terminated
+
+
+@pytest.mark.parametrize("many", [False, True])
+@pytest.mark.parametrize(
+    ("action", "said"),
+    [
+        (np.nan, "nan given; allowed: a finite number, -1 to 1"),
+        (-np.inf, "-inf given; allowed: a finite number, -1 to 1"),
+        ("full", "'full' given; allowed: numbers of shape"),
+        ([0.0, 0.0, 0.0], "shape (3,) given; allowed: ("),
+        ([[0.0, 0.0, 0.0]], "shape (1, 3) given; allowed: ("),
+    ],
+)
+def test_action_that_is_none_is_refused_by_what_was_given(many: bool, action: Any, said: str) -> None:
+    env: Any = WideAreaDampingVector(2, **SHORT) if many else WideAreaDamping(**SHORT)
+    env.reset(seed=1)
+    wrong = np.array([[0.0], [action]]) if many and isinstance(action, float) else action
+    with pytest.raises(ValueError, match=r"^action") as error:
+        env.step(wrong)
+    assert said in str(error.value)
+    env.step(np.zeros((2, 1) if many else 1))  # nothing has happened meanwhile
+    env.close()
+
+
 def test_reward_of_ones_own_is_taken() -> None:
     def reward(dt: float, t_s: Any, deviations: Any, action: Any) -> Any:
         return t_s + dt * np.abs(deviations).max(axis=-1) + action[..., 0]
@@ -229,19 +280,21 @@ def test_many_at_once_are_those_by_themselves_bit_for_bit(study: str, threads: i
         WideAreaDampingVector(5, study=study, threads=threads),
         [WideAreaDamping(study=study) for _ in range(5)],
     )
-    seen, _ = many.reset(seed=11)
-    alone = [env.reset(seed=11 + i)[0] for i, env in enumerate(ones)]
+    seen, infos = many.reset(seed=11)
+    alone, told = (list(row) for row in zip(*(env.reset(seed=11 + i) for i, env in enumerate(ones)), strict=True))
     ended = [False] * 5
     assert np.array_equal(seen, np.array(alone))
     for _ in range(200):
         actions = law(seen)
-        seen, rewards, lost, over, _ = many.step(actions)
+        for i, info in enumerate(told):
+            assert all(np.array_equal(infos[name][i], info[name]) for name in ALL_INFORMATION)
+        seen, rewards, lost, over, infos = many.step(actions)
         for i, env in enumerate(ones):
             if ended[i]:
-                alone[i], ended[i] = env.reset()[0], False
+                (alone[i], told[i]), ended[i] = env.reset(), False
                 assert (rewards[i], lost[i], over[i]) == (0.0, False, False)
                 continue
-            alone[i], reward, terminated, truncated, _ = env.step(actions[i])
+            alone[i], reward, terminated, truncated, told[i] = env.step(actions[i])
             ended[i] = terminated or truncated
             assert (rewards[i], lost[i], over[i]) == (pytest.approx(reward, rel=1e-12), terminated, truncated)
         assert np.array_equal(seen, np.array(alone))

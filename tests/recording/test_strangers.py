@@ -110,7 +110,7 @@ def link(**stage: Any) -> dict[str, Any]:
 CHANGES: dict[str, tuple[dict[str, Any], str]] = {
     "system": ({"system": "two_area"}, "run.yaml: system: 'two_area' given; allowed: its content"),
     "link": ({"link": "ideal"}, "run.yaml: link: 'ideal' given; allowed: its content"),
-    "scenario": ({"scenario": "small"}, "run.yaml: scenario: 'small' given; allowed: a valid list"),
+    "scenario": ({"scenario": "small"}, "run.yaml: scenario: 'small' given; allowed: a list"),
     "measurement": ({"measurement": {"filter": 5}}, "run.yaml: measurement.filter: 5 given; allowed: "),
     "stage": (link(model="constant", dely=1), "run.yaml: link.up.0.dely: 1 given"),
     "own link": ({"controllers": [{"name": "LLC", "link": {"up": 1}}]}, "run.yaml: controllers.0.link.up: 1 given"),

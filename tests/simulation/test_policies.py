@@ -202,7 +202,7 @@ def test_classes_that_do_not_fit_are_one_line(
         ("return float('nan') if t_s > 1 else 0", "ValueError: [nan] p.u. given, no number for sssc; allowed: finite"),
         ("return [0.0, 0.0]", "ValueError: u of shape (2,) given; allowed: (1,), one a device, in step of mine at 0 s"),
         ("return 'zero'", "ValueError: could not convert string to float: 'zero', in step of mine"),
-        ("return None", "no number for sssc"),
+        ("return None", "ValueError: None returned; allowed: u of shape (1,), one a device, in step of mine at 0 s"),
         ("raise SystemExit", "mine.py:3: SystemExit, in step of mine at 0 s"),
     ],
 )

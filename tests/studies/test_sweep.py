@@ -502,6 +502,26 @@ def test_finished_sweep_is_not_run_again(tmp_path: Path, monkeypatch: pytest.Mon
     assert swept(tmp_path, path) == first
 
 
+TABLES = "a table with rows, across, figures, such as {figures: [ITAE, trips]}"
+
+
+@pytest.mark.parametrize(
+    ("field", "said"),
+    [
+        ("tables: [ITAE]", f"tables: ['ITAE'] given; allowed: {TABLES}"),
+        ("tables: ITAE", f"tables: 'ITAE' given; allowed: {TABLES}"),
+        ("tables: {figures: ITAE}", "tables.figures: 'ITAE' given; allowed: a list, such as [ITAE]"),
+        ("sweep: {field: seed}", "sweep: {'field': 'seed'} given; allowed: a list"),
+        ("set: [3]", "set: [3] given; allowed: a table, key: value"),
+    ],
+)
+def test_field_of_another_form_is_refused_with_an_example(field: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as error:
+        sweep.plan(str(study(tmp_path, f"run: two_area_small\n{field}\n")), [])
+    assert str(error.value).endswith(f": {said}")
+    assert sweep.plan(str(study(tmp_path, "tables: {figures: [ITAE, trips]}\n")), []).study.tables
+
+
 @pytest.mark.parametrize("change", ["study", "set", "run"])
 def test_another_study_in_the_same_folder_is_refused(
     tmp_path: Path, change: str, capsys: pytest.CaptureFixture[str]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ from facts_damping_streams.c37118 import system_pmus
 from facts_damping_streams.c37118.data import Data
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from facts_damping.record import Record
     from facts_damping_streams.c37118.session import Instant
@@ -37,6 +38,16 @@ def instants(record: Record, pdc: Pdc, link: int | None = None) -> Iterator[Time
             yield (now_ns - int(record.time_ns[0])) / NANOSECONDS, instant
     for instant in pdc.rest():
         yield (int(record.time_ns[-1]) - int(record.time_ns[0])) / NANOSECONDS, instant
+
+
+def counted(timed: Iterator[Timed], last_s: float, progress: Callable[[int, int], object]) -> Iterator[Timed]:
+    """The same instants; `progress` is called with their time at each new second, and with the last time."""
+    before = -1
+    for at, instant in timed:
+        if int(at) > before:
+            before = int(at)
+            progress(before, math.ceil(last_s))
+        yield at, instant
 
 
 def one_of(instant: Instant, i: int) -> Instant:

@@ -80,5 +80,6 @@ def score(
     entrants = candidates(case_set, plain(controller), against)
     with Progress("score", "cases", shown=progress) as shown:
         measured_cards = cards.cards_of(case_set, entrants, jobs, shown)
-    hunted_cards = with_worst(case_set, measured_cards, entrants, hunt, jobs)
+    with Progress("hunt", "controllers", shown=progress) as shown:
+        hunted_cards = with_worst(case_set, measured_cards, entrants, hunt, jobs, shown)
     return Score(hunted_cards[0], hunted_cards[1:], case_set)

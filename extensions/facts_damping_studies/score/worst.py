@@ -12,10 +12,10 @@ from facts_damping_studies.campaigns.invariants import HARM
 from facts_damping_studies.campaigns.parameters import BaseRun, Campaign
 from facts_damping_studies.score.card import run_of
 from facts_damping_studies.score.score_card import Hunted, WorstCase
-from facts_damping_studies.sweeps.pool import workers
+from facts_damping_studies.sweeps.pool import run_all
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from facts_damping_studies.score.card import Controllers, Set
     from facts_damping_studies.score.score_card import ScoreCard
@@ -49,15 +49,16 @@ def worst(case_set: Set, rows: Controllers, cases: int) -> Hunted:
 
 
 def with_worst(
-    case_set: Set, cards: Sequence[ScoreCard], controllers: Mapping[str, Controllers], cases: int, jobs: int
+    case_set: Set,
+    cards: Sequence[ScoreCard],
+    controllers: Mapping[str, Controllers],
+    cases: int,
+    jobs: int,
+    progress: Callable[[int, int], None],
 ) -> list[ScoreCard]:
     """The cards, each with the worst of so many hunted cases of its controller; as they are for 0."""
     if not cases:
         return list(cards)
-    with workers(jobs) as each:
-        worst_by_name = dict(each(partial(_named, case_set, cases), list(controllers.items())))
+    hunted = run_all(partial(worst, case_set, cases=cases), list(controllers.values()), jobs, progress)
+    worst_by_name = dict(zip(controllers, hunted, strict=True))
     return [replace(card, hunted=worst_by_name[card.controller]) for card in cards]
-
-
-def _named(case_set: Set, cases: int, task: tuple[str, Controllers]) -> tuple[str, Hunted]:
-    return task[0], worst(case_set, task[1], cases)

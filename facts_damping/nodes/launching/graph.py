@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from facts_damping.case.names import replaceable
 from facts_damping.errors import InputError, RunError
-from facts_damping.interruption import clean_up_first
+from facts_damping.interruption import RECORDED, clean_up_first
 from facts_damping.nodes import clock
 from facts_damping.nodes.base import lines
 from facts_damping.nodes.launching import starting
@@ -60,11 +60,12 @@ def run(
 
     Raises `RunError` naming the node that ended or is silent, `InputError` if the folder is in use.
     """
-    clean_up_first("what was recorded by then is readable")
+    clean_up_first()
     check(case, out, parts)
     new_folder(out)
     began, fallen = clock.monotonic(), dict[str, str]()
     with starting.started(case, mode, out, timeout, parts) as running:
+        clean_up_first(RECORDED)
         plant = next(running[name] for name in starting.SOURCES if name in running)
         ticks, reported_s = lines.Ticks(0, 0, 0), clock.monotonic() + FIRST_S
         while plant.process.exitcode is None:

@@ -51,8 +51,8 @@ class StepTimes(NamedTuple):
 
     def __str__(self) -> str:
         """One line of text."""
-        mean, p99, maximum = (f"{1e6 * value:.0f}" for value in self[1:])
-        return f"{self.steps} steps of {mean} us, 99 % within {p99} us, longest {maximum} us"
+        texts = (f"{1e6 * value:.0f} us" if value < 1e-3 else f"{1e3 * value:.3g} ms" for value in self[1:])
+        return "{} steps of {}, 99 % within {}, longest {}".format(self.steps, *texts)
 
 
 class Program:
@@ -165,6 +165,8 @@ def _step_of(controller: Any, name: str, where: str) -> Callable[..., Any]:
 
 
 def _checked(u: Any, devices: list[str]) -> NDArray[np.float64]:
+    if u is None:
+        raise ValueError(f"None returned; allowed: u of shape ({len(devices)},), one a device")
     setpoints = np.asarray(u, np.float64)
     if setpoints.shape != (len(devices),) and not (setpoints.ndim == 0 and len(devices) == 1):
         raise ValueError(f"u of shape {setpoints.shape} given; allowed: ({len(devices)},), one a device")

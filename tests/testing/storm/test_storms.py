@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from facts_damping.case.loading import make_case
+from facts_damping.cli.main import main
 from facts_damping.digest import digest
 from facts_damping.errors import InputError
 from facts_damping_testing.storm import drawing, model, running, search
@@ -184,3 +185,30 @@ def test_deliberate_fault_finds_its_place(fault: Fault) -> None:
     module = importlib.import_module(f"facts_damping.nodes.{fault.module}")
     text = Path(str(module.__file__)).read_text(encoding="utf-8")
     assert text.count(fault.right) == 1
+
+
+@pytest.mark.parametrize(
+    ("broken", "said", "status"),
+    [
+        ([], "no violation in 4 storms", 0),
+        (["trips_hold"], "1 violation of 1 rule in 4 storms", 1),
+        (["trips_hold", "time_goes_on", "trips_hold"], "3 violations of 2 rules in 4 storms", 1),
+    ],
+)
+def test_verdict_on_many_storms_is_the_first_line(
+    broken: list[str],
+    said: str,
+    status: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    findings, storm = search.Findings(complete=True), drawing.draw(3)
+    for number in range(4):
+        rows = [(rule, "it does not") for rule in broken] if number == 0 else []
+        findings.add(storm, search.Result(rows, frozenset(), 1.0, 1.0))
+    monkeypatch.setattr(search, "search", lambda *_: findings)
+    monkeypatch.setattr(search, "shrunk", lambda mild, _: mild)
+    assert main(["storm", "--minutes", "1", "--out", str(tmp_path)]) == status
+    assert capsys.readouterr().out.splitlines()[0] == said
+    assert len(list(tmp_path.glob("storm-*.yaml"))) == len(set(broken))
