@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
 from facts_damping.cli.reporting import detailed, page, run_result, say
-from facts_damping.errors import InputError, RunError
+from facts_damping.errors import DegradedError, InputError, RunError
 from facts_damping.interruption import CONTINUES, clean_up_first
 from facts_damping.output.terminal import Progress
 from facts_damping.output.writing import write_json, write_whole
@@ -131,7 +131,7 @@ def search(arguments: argparse.Namespace) -> None:
 
 def sweep(arguments: argparse.Namespace) -> None:
     """Run a study in parallel: table, delay margins, pictures; continues after an interruption."""
-    from facts_damping_studies.sweeps import point_figures, results, sweep_plots, tables
+    from facts_damping_studies.sweeps import control_outcomes, point_figures, results, sweep_plots, tables
     from facts_damping_studies.sweeps import sweep as study
 
     sets = [*([f"profile={arguments.profile}"] if arguments.profile else []), *arguments.set]
@@ -151,7 +151,9 @@ def sweep(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, {name: [row.cells for row in part] for name, part in parts.items()})
     say(arguments, *results.sweep_tables(rows, margins, fractions, across), "", *figures)
     if asked:
-        write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
+        notes = [f"{line}." for line in results.shortcomings(rows)]
+        head = [f"# {plan.name}", "", plan.study.description, "", *(part for line in notes for part in (line, ""))]
+        write_whole(folder / "tables.md", "\n".join([*head, *figures]))
         say(arguments, f"tables: {folder / 'tables.md'}")
     say(arguments, *(f"table: {path}" for path in results.write(folder, rows, margins, fractions)))
     pictures = tables.plot(rows, asked, folder) if asked else []
@@ -160,6 +162,9 @@ def sweep(arguments: argparse.Namespace) -> None:
     say(arguments, *(f"picture: {path}" for path in pictures))
     if arguments.report is not None:
         _report(arguments, plan)
+    flaws = [control_outcomes.missing_line(rows), None if margins else control_outcomes.trip_line(rows)]
+    if any(flaws):
+        raise DegradedError(f"the study ended, but: {'; '.join(flaw for flaw in flaws if flaw)}")
 
 
 def _check_report(path: str | None, plan: SweepPlan, folder: Path) -> None:
