@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 NONE = "none"  # controller of a run without control
 TRIPPED, AT_LIMITS = "tripped", "at its limits"
+WORDS = {
+    NEVER_ARMED: f"a controller that was {NEVER_ARMED}",
+    AT_LIMITS: "setpoints at their limits to the end or most of the time",
+}
 APART_MS = 17.0  # spread of the latencies from which on frames come apart: a frame at 60 frames/s
 ALIGN = "a PDC aligns frames of a jittery link: a `wait` stage in `link.up`"
 HELP = {  # what helps against trips by monitors that a link with jitter exceeds
@@ -40,7 +44,7 @@ def marks(row: SweepRow) -> list[str]:
 
 
 def trip_line(rows: Rows) -> str | None:
-    """The trips of the controlled runs: `3 of 4 controlled runs were tripped, most by `misaligned` (0.12 s; limit 0.1)`."""
+    """How many controlled runs were tripped, by which monitor most, its median value and its limit; None: no run."""
     trips, controlled = [row for row in rows if tripped(row)], _controlled(rows)
     if not trips:
         return None
@@ -59,12 +63,11 @@ def trip_line(rows: Rows) -> str | None:
     return f"{line} ({value:.3g}{'' if unit in ('-', None) else f' {unit}'}; limit {limit:g})"
 
 
-def outcome_lines(rows: Rows) -> list[str]:
+def outcome_lines(rows: Rows, *, hints: bool = True) -> list[str]:
     """Lines on what became of control: trips and what helps, refusals to arm, setpoints at their limits."""
     trips, controlled = trip_line(rows), len(_controlled(rows))
-    lines = [] if trips is None else [trips, *(f"hint: {hint}" for hint in _hints(rows))]
-    words = {NEVER_ARMED: f"a controller that was {NEVER_ARMED}", AT_LIMITS: "setpoints at their limits most of the time"}
-    for mark, text in words.items():
+    lines = [] if trips is None else [trips, *(f"hint: {hint}" for hint in (_hints(rows) if hints else []))]
+    for mark, text in WORDS.items():
         marked = [row for row in rows if mark in marks(row)]
         if marked:
             lines.append(f"{len(marked)} of {controlled} controlled runs {_had(len(marked))} {text}")

@@ -28,7 +28,8 @@ def check(base: Base, requests: Sequence[RunRequest], random: Collection[str], e
     names, labels = varying(columns, ()), dict[str, list[str]]()
     for task in todo:
         if task.key in refused:
-            labels.setdefault(refused[task.key], []).append(label(task.columns, names))
+            error = refused[task.key].removeprefix(f"{base.source}: ")
+            labels.setdefault(error, []).append(label(task.columns, names))
     reasons = [f"{some_of(who)}: {error}" if any(who) else error for error, who in labels.items()]
     count = f"{len(refused)} of {len(todo)} different runs cannot be made (--only leaves runs out)"
     raise InputError(f"{base.source}: {count}: {'; '.join(reasons)}")

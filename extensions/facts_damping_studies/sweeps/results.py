@@ -104,10 +104,10 @@ def sweep_tables(rows: Rows, margins: Margins, fractions: Sequence[FractionRow],
     return lines
 
 
-def shortcomings(rows: Rows) -> list[str]:
+def shortcomings(rows: Rows, *, hints: bool = True) -> list[str]:
     """Lines on runs that did not do what was asked: control that did not act as intended, runs that are missing."""
     missing = missing_line(rows)
-    return [*outcome_lines(rows), *([] if missing is None else [missing])]
+    return [*outcome_lines(rows, hints=hints), *([] if missing is None else [missing])]
 
 
 def legend(margins: Margins) -> list[str]:
@@ -272,7 +272,8 @@ def fraction_table(fractions: Sequence[FractionRow]) -> list[str]:
         counted = [str(runs), f"{100 * fraction:.1f}", f"{100 * low:.1f} to {100 * high:.1f}"]
         counted += ([cell(row.not_converged)] if checked else []) + ([str(row.tripped)] if trips else [])
         cells.append([*(cell(row.cells.get(name)) for name in columns), *counted])
-    titles = [*columns, "runs", "failed, %", "95 % interval", *(["not converged"] if checked else []), *(["tripped"] if trips else [])]
+    titles = [*columns, "runs", "failed, %", "95 % interval", *(["not converged"] if checked else [])]
+    titles += ["tripped"] if trips else []
     return text_table(titles, cells, len(columns), markdown=True)
 
 

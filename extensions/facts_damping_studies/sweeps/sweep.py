@@ -170,9 +170,12 @@ def _seen(sweep_plan: SweepPlan, journal_rows: Mapping[str, SweepRow]) -> list[P
 
 
 def _first_tasks(sweep_plan: SweepPlan) -> list[RunRequest]:
-    """A run of each point: with a margin, the first of its search."""
+    """A run of each point, without its random values: with a margin, the first of its search."""
     low = None if sweep_plan.study.margin is None else sweep_plan.study.margin.low
-    return [_task(sweep_plan, i, low) for i in range(len(sweep_plan.points))]
+    random = {path for axis in sweep_plan.study.sweep for v in axes.drawn_variables(axis) for path in v.factors}
+    tasks = [_task(sweep_plan, i, low) for i in range(len(sweep_plan.points))]
+    plain = [{path: value for path, value in task.changes.items() if path not in random} for task in tasks]
+    return [task._replace(changes=changes) for task, changes in zip(tasks, plain, strict=True)]
 
 
 def _tasks(sweep_plan: SweepPlan, journal_rows: Mapping[str, SweepRow]) -> list[RunRequest]:
