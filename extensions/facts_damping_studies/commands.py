@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
 from facts_damping.cli.reporting import detailed, page, run_result, say
-from facts_damping.errors import DegradedError, InputError, RunError
+from facts_damping.errors import DegradedError, InputError
 from facts_damping.interruption import CONTINUES, clean_up_first
 from facts_damping.output.terminal import Progress
 from facts_damping.output.writing import write_json, write_whole
@@ -225,12 +225,17 @@ def campaign(arguments: argparse.Namespace) -> None:
     say(arguments, *(f"table: {path}" for path in pages.write_tables(rows, graphs, folder)))
     write_whole(folder / "page.md", text)
     say(arguments, f"page: {folder / 'page.md'}")
-    failed = [row for row in (*rows, *graphs) if not row.holds]
-    if failed:
-        say(arguments, f"{len(failed)} that violate a requirement: {folder / study.FAILED}")
+    broken = [row for row in (*rows, *graphs) if row.error is None and not row.holds]
+    flaws = [f"{_cases(len(broken))} with a requirement violated: {folder / study.FAILED}"] if broken else []
     errors = [row for row in (*rows, *graphs) if row.error is not None]
     if errors:
-        raise RunError(f"{len(errors)} draws failed, the first: {errors[0].number}: {errors[0].error}")
+        flaws.append(f"{_cases(len(errors))} could not be run, the first: {errors[0].number}: {errors[0].error}")
+    if flaws:
+        raise DegradedError(f"the campaign ended, but: {'; '.join(flaws)}")
+
+
+def _cases(count: int) -> str:
+    return f"{count} case{'s' if count > 1 else ''}"
 
 
 def _hunt(arguments: argparse.Namespace, campaign_plan: CampaignPlan, folder: Path) -> None:
@@ -251,7 +256,9 @@ def _hunt(arguments: argparse.Namespace, campaign_plan: CampaignPlan, folder: Pa
         raise KeyboardInterrupt
     errors = [row for row in hunted.rows if row.error is not None]
     if errors:
-        raise RunError(f"{len(errors)} cases failed, the first: {errors[0].error}")
+        raise DegradedError(
+            f"the hunt ended, but: {_cases(len(errors))} could not be run, the first: {errors[0].error}"
+        )
 
 
 def score(arguments: argparse.Namespace) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import itertools
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -50,3 +51,8 @@ def as_csv(titles: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
 def some_of(names: Sequence[str], maximum: int = 8) -> str:
     """Names separated by commas; of many, the first ones and the number of the others."""
     return ", ".join(names[:maximum]) + (f" and {len(names) - maximum} more" if len(names) > maximum else "")
+
+
+def counted(lines: Iterable[str]) -> list[str]:
+    """Each line once, with the number of equal ones."""
+    return [line if count == 1 else f"{line} ({count} times)" for line, count in Counter(lines).items()]

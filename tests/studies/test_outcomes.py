@@ -28,11 +28,11 @@ run: new_england_39_fault
 set:
   system.devices: [{name: damper, kind: sssc, line: line_9_39}]
   profile: deployment
-  duration: 3
+  duration: 4
   devices: [damper]
   controllers: [{name: LLC, devices: [damper], signals: [frequency]}]
   link:
-    up: [{model: constant, delay: 0.05}, {model: gamma, delay: 0, shape: 2, scale: 0.13}]
+    up: [{model: constant, delay: 0.05}, {model: gamma, delay: 0, shape: 2, scale: 0.1}]
     down: [{model: constant, delay: 0.02}]
 sweep:
   - name: kind
@@ -89,7 +89,7 @@ def test_sweep_tells_trips_in_text_tables_pictures_and_status(
 
 
 def test_stage_that_the_hint_names_keeps_it_from_being_tripped(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    aligned = JITTERY.replace("scale: 0.13}]", "scale: 0.13}, {model: wait, wait: 0.3}]")
+    aligned = JITTERY.replace("scale: 0.1}]", "scale: 0.1}, {model: wait, wait: 0.25}]")
     (study / "aligned.yaml").write_text(aligned, encoding="utf-8")
     command = ["sweep", str(study / "aligned.yaml"), "--jobs", "1", "--out", str(study / "aligned")]
     assert main([*command, "--only", "kind=LLC", "--only", "seed=1"]) == 0
