@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import itertools
 from collections import Counter
+from itertools import zip_longest
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+WIDTH, NARROW = 120, 12  # characters: cells of a table wider than a terminal are wrapped, down to the latter
 
 
 def table(
@@ -17,35 +18,33 @@ def table(
 ) -> list[str]:
     """Lines of a table for a terminal, or in Markdown; `rule`: a line below the titles.
 
-    The first `left` columns are aligned to the left, the others to the right.
+    The first `left` columns are aligned to the left, the others to the right; a wide table is wrapped on a terminal.
     """
     cells = [list(titles), *([str(cell) for cell in row] for row in rows)]
     if markdown:
         kinds = ["---" if column < left else "--:" for column in range(len(titles))]
         return [f"| {' | '.join(row)} |" for row in (cells[0], kinds, *cells[1:])]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    head, *lines = _wrapped(cells, left)
+    widths = [max(map(len, column)) for column in zip(*head, *(line for row in lines for line in row), strict=True)]
     rules = [["-" * width for width in widths]] if rule else []
     return [
         "  ".join(
             cell.ljust(width) if column < left else cell.rjust(width)
             for column, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
-        for row in (cells[0], *rules, *cells[1:])
+        for row in (*head, *rules, *(line for row in lines for line in row))
     ]
 
 
-def as_csv(titles: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """A table as CSV. A cell that is a named tuple becomes a column for each of its fields, `title, field`."""
-    fields = [max((getattr(cell, "_fields", ()) for cell in column), key=len) for column in zip(*rows, strict=True)]
-    names = [[f"{title}, {field}" for field in parts] or [title] for title, parts in zip(titles, fields, strict=True)]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(itertools.chain(*names))
-    for row in rows:
-        cells = [cell if isinstance(cell, tuple) else (cell,) for cell in row]
-        padded = [(*cell, *[""] * (len(columns) - len(cell))) for cell, columns in zip(cells, names, strict=True)]
-        writer.writerow(itertools.chain(*padded))
-    return text.getvalue()
+def _wrapped(cells: Sequence[Sequence[str]], left: int) -> list[list[tuple[str, ...]]]:
+    """The lines of each row; cells of other than the first `left` columns are as wide as `WIDTH` allows."""
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    room = WIDTH - sum(widths[:left]) - 2 * (len(widths) - 1)
+    fitting = (wide for wide in range(WIDTH, NARROW, -1) if sum(min(wide, width) for width in widths[left:]) <= room)
+    widest = next(fitting, max(widths))
+    lines = ((wrap(cell, widest) if widest < len(cell) else [cell] for cell in row[left:]) for row in cells)
+    first = ([[cell] for cell in row[:left]] for row in cells)
+    return [list(zip_longest(*names, *parts, fillvalue="")) for names, parts in zip(first, lines, strict=True)]
 
 
 def some_of(names: Sequence[str], maximum: int = 8) -> str:

@@ -43,7 +43,11 @@ def test_of_a_run_that_is_lost_there_is_no_improvement(swing_record: Callable[..
     assert apart is None
     rows = [details(record) for record in records]
     assert rows[1].regions == {}
-    assert "ITAE" in "\n".join(lines(["a", "b"], summaries, rows, 0))
+    beside = [rows[0]._replace(improvement_percent=calm), rows[1]]
+    assert "ITAE" in "\n".join(lines(["a", "b"], summaries, beside, 0))
+    assert improvements(summaries, 1) == [None, None]
+    *_, last = lines(["a", "b"], summaries, rows, 1)
+    assert last == "\nimprovement on b: none can be given, as it loses synchronism"
 
 
 @pytest.mark.parametrize("baseline", [0, 1])
@@ -55,7 +59,7 @@ def test_improvement_counts_from_the_baseline(swing_record: Callable[..., Record
     assert percents[1 - baseline]["ISE"] == pytest.approx(100 * (first - other) / first)
     assert (percents[1 - baseline]["ISE"] > 0) == (baseline == 0)
     assert percents[baseline]["ISE"] == 0.0
-    rows = [details(record) for record in records]
+    rows = [details(record)._replace(improvement_percent=part) for record, part in zip(records, percents, strict=True)]
     assert f"improvement on {'ab'[baseline]} [%]" in "\n".join(lines(["a", "b"], summaries, rows, baseline))
 
 

@@ -11,6 +11,11 @@ import pytest
 
 from facts_damping.cli.main import main
 from facts_damping.output import picture_files
+from facts_damping.parameters.run import Controller
+from facts_damping_studies.search.scoring import Score
+from facts_damping_studies.search.search import Entry
+from facts_damping_studies.search.search_pages import rows, search_table
+from facts_damping_studies.search.structures import Structure
 from facts_damping_studies.sweeps import sweep
 from facts_damping_studies.sweeps.control_outcomes import outcome_lines
 from facts_damping_studies.sweeps.results import margin_table, sweep_tables
@@ -79,10 +84,10 @@ def test_sweep_tells_trips_in_text_tables_pictures_and_status(
     assert line in drawn["figures.png"]
     assert drawn["figures.png"].endswith(" tripped")
     assert line in drawn["latency.png"]
-    rows = json.loads(target.read_text())["rows"]
-    assert [row["trips"] for row in rows] == [0, 0, 1, 1]
-    assert [row.get("trip_cause") for row in rows] == [None, None, "misaligned", "misaligned"]
-    assert all(row["trip_value"] > row["trip_limit"] == 0.1 for row in rows[2:])
+    of_json = json.loads(target.read_text())["rows"]
+    assert [row["trips"] for row in of_json] == [0, 0, 1, 1]
+    assert [row.get("trip_cause") for row in of_json] == [None, None, "misaligned", "misaligned"]
+    assert all(row["trip_value"] > row["trip_limit"] == 0.1 for row in of_json[2:])
     fractions = json.loads(target.read_text())["fractions"]
     assert [row.get("tripped", 0) for row in fractions] == [0, 2, 0, 2]
     assert pq.read_table(out / "rows.parquet")["trip_cause"].null_count == 2
@@ -99,11 +104,23 @@ def test_stage_that_the_hint_names_keeps_it_from_being_tripped(study: Path, caps
 def test_journal_of_an_earlier_version_goes_on(study: Path) -> None:
     """Whose rows do not know what tripped."""
     plan = sweep.plan(str(study / "jittery.yaml"), [])
-    rows = [json.loads(line)["row"] for line in (study / "out" / sweep.JOURNAL).read_text().splitlines()[1:]]
-    earlier = [SweepRow.read({k: v for k, v in row.items() if not k.startswith("trip_")}) for row in rows]
+    journal = [json.loads(line)["row"] for line in (study / "out" / sweep.JOURNAL).read_text().splitlines()[1:]]
+    earlier = [SweepRow.read({k: v for k, v in row.items() if not k.startswith("trip_")}) for row in journal]
     assert [row.figures is not None and row.figures.trips for row in earlier] == [0, 0, 1, 1]
     assert outcome_lines(earlier) == ["2 of 2 controlled runs were tripped"]
     assert sweep.found_fractions(plan, [{None: row} for row in earlier])[1].tripped == 2
+
+
+def test_search_tells_lost_runs_and_trips() -> None:
+    structure = Structure("LLC", None, ("sssc",))
+    scores = Score(0.1, dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE"), 1.1), 0.5, 0.25), Score(15.0, {}, 1.0, 1.0)
+    entries = [Entry(structure, controller=Controller(name="LLC"), scores=(score,)) for score in scores]
+    first, second = search_table(entries)[-2:]
+    assert first.endswith("| 0.100 | 50 % not damped, 25 % tripped |")
+    assert second.endswith("| 15.000 | synchronism lost, 100 % tripped |")
+    assert [row["tripped"] for row in rows(entries)] == [[0.25], [1.0]]
+    calm = entries[0]._replace(scores=(Score(0.1, scores[0].ratios, 0.0),))
+    assert "draws" not in search_table([calm])[0]
 
 
 def test_margins_tell_trips_and_what_their_marks_mean() -> None:

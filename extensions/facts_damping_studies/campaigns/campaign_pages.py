@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import itertools
 from typing import TYPE_CHECKING
 
 from facts_damping.input_files import share_folder
-from facts_damping.output.tables import as_csv
 from facts_damping.output.writing import write_whole
 from facts_damping_studies.campaigns.campaign_tables import (
     WORDS,
@@ -54,8 +56,23 @@ def write_tables(rows: Rows, graphs: Rows, folder: Path) -> list[Path]:
     for name, table in sections(rows, graphs).items():
         if table.rows:
             paths.append(folder / f"table_{name}.csv")
-            write_whole(paths[-1], as_csv(table.titles, table.rows))
+            write_whole(paths[-1], _as_csv(table))
     return paths
+
+
+def _as_csv(table: Table) -> str:
+    """A table as CSV. A cell that is a named tuple becomes a column for each of its fields, `title, field`."""
+    fields = [max((getattr(cell, "_fields", ()) for cell in cells), key=len) for cells in zip(*table.rows, strict=True)]
+    pairs = zip(table.titles, fields, strict=True)
+    names = [[f"{title}, {field}" for field in parts] or [title] for title, parts in pairs]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(itertools.chain(*names))
+    for row in table.rows:
+        cells = [cell if isinstance(cell, tuple) else (cell,) for cell in row]
+        padded = [(*cell, *[""] * (len(columns) - len(cell))) for cell, columns in zip(cells, names, strict=True)]
+        writer.writerow(itertools.chain(*padded))
+    return text.getvalue()
 
 
 def overview(rows: Rows, graphs: Rows) -> list[str]:
