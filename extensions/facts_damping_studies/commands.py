@@ -306,4 +306,5 @@ def margin(arguments: argparse.Namespace) -> None:
             pages.plot_loops(loop_margin, folder / "one_line.png"),
         ]
     write_json(arguments.json, pages.document(loop_margin, runs))
-    say(arguments, *pages.margin_text(loop_margin, runs), *(f"plot: {path}" for path in pictures))
+    alone = [] if case.supervision is None else ["without the run's supervisor, which may trip at shorter delays"]
+    say(arguments, *pages.margin_text(loop_margin, runs), *alone, *(f"plot: {path}" for path in pictures))
