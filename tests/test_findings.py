@@ -145,7 +145,7 @@ def test_controller_that_was_never_armed_is_a_warning_wherever_results_are_shown
         "run: two_area_deployment\nset: {arm_at: null, duration: 3}\nsweep: [{field: link, values: [ideal, fibre]}]\n"
     )
     assert main(["sweep", str(study), "--jobs", "1", "--out", str(tmp_path / "out"), "--json", str(json_path)]) == 0
-    assert "2 with a controller that was never armed" in capsys.readouterr().out
+    assert "2 of 2 controlled runs have a controller that was never armed" in capsys.readouterr().out
     assert all(said in row["warnings"] for row in json.loads(json_path.read_text())["rows"])
 
 

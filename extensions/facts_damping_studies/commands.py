@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
 from facts_damping.cli.reporting import detailed, page, run_result, say
-from facts_damping.errors import InputError, RunError
+from facts_damping.errors import DegradedError, InputError
 from facts_damping.interruption import CONTINUES, clean_up_first
 from facts_damping.output.terminal import Progress
 from facts_damping.output.writing import write_json, write_whole
@@ -131,7 +131,7 @@ def search(arguments: argparse.Namespace) -> None:
 
 def sweep(arguments: argparse.Namespace) -> None:
     """Run a study in parallel: table, delay margins, pictures; continues after an interruption."""
-    from facts_damping_studies.sweeps import point_figures, results, sweep_plots, tables
+    from facts_damping_studies.sweeps import control_outcomes, point_figures, results, sweep_plots, tables
     from facts_damping_studies.sweeps import sweep as study
 
     sets = [*([f"profile={arguments.profile}"] if arguments.profile else []), *arguments.set]
@@ -151,7 +151,9 @@ def sweep(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, {name: [row.cells for row in part] for name, part in parts.items()})
     say(arguments, *results.sweep_tables(rows, margins, fractions, across), "", *figures)
     if asked:
-        write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
+        notes = [f"{line}." for line in results.shortcomings(rows)]
+        head = [f"# {plan.name}", "", plan.study.description, "", *(part for line in notes for part in (line, ""))]
+        write_whole(folder / "tables.md", "\n".join([*head, *figures]))
         say(arguments, f"tables: {folder / 'tables.md'}")
     say(arguments, *(f"table: {path}" for path in results.write(folder, rows, margins, fractions)))
     pictures = tables.plot(rows, asked, folder) if asked else []
@@ -160,6 +162,9 @@ def sweep(arguments: argparse.Namespace) -> None:
     say(arguments, *(f"picture: {path}" for path in pictures))
     if arguments.report is not None:
         _report(arguments, plan)
+    flaws = [control_outcomes.missing_line(rows), None if margins else control_outcomes.trip_line(rows)]
+    if any(flaws):
+        raise DegradedError(f"the study ended, but: {'; '.join(flaw for flaw in flaws if flaw)}")
 
 
 def _check_report(path: str | None, plan: SweepPlan, folder: Path) -> None:
@@ -222,12 +227,17 @@ def campaign(arguments: argparse.Namespace) -> None:
     say(arguments, *(f"table: {path}" for path in pages.write_tables(rows, graphs, folder)))
     write_whole(folder / "page.md", text)
     say(arguments, f"page: {folder / 'page.md'}")
-    failed = [row for row in (*rows, *graphs) if not row.holds]
-    if failed:
-        say(arguments, f"{len(failed)} that violate a requirement: {folder / study.FAILED}")
+    broken = [row for row in (*rows, *graphs) if row.error is None and not row.holds]
+    flaws = [f"{_cases(len(broken))} with a requirement violated: {folder / study.FAILED}"] if broken else []
     errors = [row for row in (*rows, *graphs) if row.error is not None]
     if errors:
-        raise RunError(f"{len(errors)} draws failed, the first: {errors[0].number}: {errors[0].error}")
+        flaws.append(f"{_cases(len(errors))} could not be run, the first: {errors[0].number}: {errors[0].error}")
+    if flaws:
+        raise DegradedError(f"the campaign ended, but: {'; '.join(flaws)}")
+
+
+def _cases(count: int) -> str:
+    return f"{count} case{'s' if count > 1 else ''}"
 
 
 def _hunt(arguments: argparse.Namespace, campaign_plan: CampaignPlan, folder: Path) -> None:
@@ -248,7 +258,9 @@ def _hunt(arguments: argparse.Namespace, campaign_plan: CampaignPlan, folder: Pa
         raise KeyboardInterrupt
     errors = [row for row in hunted.rows if row.error is not None]
     if errors:
-        raise RunError(f"{len(errors)} cases failed, the first: {errors[0].error}")
+        raise DegradedError(
+            f"the hunt ended, but: {_cases(len(errors))} could not be run, the first: {errors[0].error}"
+        )
 
 
 def score(arguments: argparse.Namespace) -> None:
@@ -297,4 +309,5 @@ def margin(arguments: argparse.Namespace) -> None:
             pages.plot_loops(loop_margin, folder / "one_line.png"),
         ]
     write_json(arguments.json, pages.document(loop_margin, runs))
-    say(arguments, *pages.margin_text(loop_margin, runs), *(f"plot: {path}" for path in pictures))
+    alone = [] if case.supervision is None else ["without the run's supervisor, which may trip at shorter delays"]
+    say(arguments, *pages.margin_text(loop_margin, runs), *alone, *(f"plot: {path}" for path in pictures))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -119,4 +121,6 @@ def as_csv(tables: Sequence[ValidationTable]) -> str:
         for table in tables
         for row, passed in ((row, "pass" if row.passed else "fail") for row in table.rows)
     ]
-    return text_tables.as_csv(["table", "source", "command", *Row._fields, "passed"], rows)
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([["table", "source", "command", *Row._fields, "passed"], *rows])
+    return text.getvalue()

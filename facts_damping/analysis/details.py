@@ -9,10 +9,10 @@ from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.modes.oscillation import is_stable
 from facts_damping.analysis.modes.ringdown import COVERED
-from facts_damping.output.tables import WIDEST, table
+from facts_damping.output.tables import table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from facts_damping.analysis.indices import Regions
     from facts_damping.analysis.latency import Statistics
@@ -67,22 +67,19 @@ def lines(
         duty = (f"{device} {100 * part:.1f} % of the frames" for device, part in summary.saturation_duty.items())
         yield from (f"{name}:", f"  {'; '.join([text, *duty])}")
         yield from (f"  {_mode(mode)}" for mode in summary.modes)
-    rows = []
     for name, detail in zip(names, details, strict=True):
-        hops = [(hop, values, who) for hop in PARTS for values, who in alike(detail.latency_hops_ms[hop]).items()]
-        rows += [[name, "", "", "", ""]] if hops and len(names) > 1 else []
-        rows += [[f"  {hop}, {HOPS[hop]}, {together(who)}", *(f"{v:.2f}" for v in values)] for hop, values, who in hops]
-    if rows:
+        hops = [(f"{hop}, {HOPS[hop]}", alike(detail.latency_hops_ms[hop])) for hop in PARTS]
+        rows = [[f"{hop}, {together(who)}", *_figures(values)] for hop, parts in hops for values, who in parts.items()]
+        if rows:
+            yield f"\n{name}" if len(names) > 1 else ""
+            yield from table(["latency by hop [ms]", "mean", "50 %", "99 %", "max"], rows)
+    better = [detail.improvement_percent or {} for detail in details]
+    if len(details) > 1 and any(better):
+        cells = [[figure, *_figures(part.get(figure) for part in better)] for figure in JUDGED]
         yield ""
-        yield from table(["latency by hop [ms]", "mean", "50 %", "99 %", "max"], rows, widest=WIDEST)
-    if len(details) > 1:
-        parts = [detail.improvement_percent or {} for detail in details]
-        cells = [[figure, *(_percent(part.get(figure)) for part in parts)] for figure in JUDGED]
-        yield ""
-        if any(parts):
-            yield from table([f"improvement on {names[baseline]} [%]", *names], cells, widest=WIDEST)
-        else:
-            yield f"no improvement on {names[baseline]}: that needs two runs in synchronism to their ends"
+        yield from table([f"improvement on {names[baseline]} [%]", *names], cells)
+    elif len(details) > 1:
+        yield f"\nno improvement on {names[baseline]}: that needs two runs in synchronism to their ends"
 
 
 def together(names: Sequence[str]) -> str:
@@ -100,5 +97,5 @@ def _width(error: float | None) -> str:
     return "" if error is None else f" ± {COVERED * error:.1g}"
 
 
-def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
+def _figures(values: Iterable[float | None]) -> list[str]:
+    return ["-" if value is None else f"{value:.2f}" for value in values]

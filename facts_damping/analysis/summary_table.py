@@ -57,7 +57,7 @@ def table(summaries: Sequence[tuple[str, Summary]]) -> str:
     """Text table for a terminal: one column per run (name, summary), one row per figure; no titles without names."""
     rows = [[row.label, *(row_text(summary, row) for _, summary in summaries)] for row in ROWS]
     rows += [[label, *cells] for label, cells in more_rows([summary for _, summary in summaries])]
-    return "\n".join(tables.table(["", *(name for name, _ in summaries)], rows, widest=tables.WIDEST))
+    return "\n".join(tables.table(["", *(name for name, _ in summaries)], rows))
 
 
 def more_rows(summaries: Sequence[Summary]) -> Rows:

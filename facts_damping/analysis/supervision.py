@@ -290,20 +290,15 @@ def probe_text(probe: ProbeResult | None) -> str:
 
 def trips(histories: Sequence[SupervisorHistory]) -> list[tuple[float, str, str]]:
     """Time (s), controller and cause of each trip."""
-    return [
-        (change.time_s, history.controller, change.cause)
-        for history in histories
-        for change in history.changes
-        if change.state == STATES[TRIPPED]
-    ]
+    return [(change.time_s, controller, change.cause) for controller, change in _tripping(histories)]
+
+
+def _tripping(histories: Sequence[SupervisorHistory]) -> list[tuple[str, StateChange]]:
+    changes = [(history.controller, change) for history in histories for change in history.changes]
+    return [(controller, change) for controller, change in changes if change.state == STATES[TRIPPED]]
 
 
 def tripped_texts(histories: Sequence[SupervisorHistory]) -> list[str]:
     """One line per tripped controller, about its last trip."""
-    last = {
-        history.controller: change
-        for history in histories
-        for change in history.changes
-        if change.state == STATES[TRIPPED]
-    }
+    last = dict(_tripping(histories))
     return [f"{controller} was {change_text(change)}" for controller, change in last.items()]

@@ -2,41 +2,33 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import textwrap
+from collections import Counter
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-
 WIDEST = 120  # characters of a line in a terminal
 NARROWEST = 14  # of a column that is wrapped
 
 
 def table(
-    titles: Sequence[str],
-    rows: Iterable[Sequence[Any]],
-    left: int = 1,
-    *,
-    markdown: bool = False,
-    rule: bool = True,
-    widest: int | None = None,
+    titles: Sequence[str], rows: Iterable[Sequence[Any]], left: int = 1, *, markdown: bool = False, rule: bool = True
 ) -> list[str]:
     """Lines of a table for a terminal, or in Markdown; `rule`: a line below the titles, which are left out if empty.
 
-    The first `left` columns are aligned to the left, the others to the right. Cells are wrapped, from the widest column
-    on, until no line is longer than `widest`.
+    The first `left` columns are aligned to the left, the others to the right. On a terminal cells are wrapped, from the
+    widest column on, until no line is longer than `WIDEST`.
     """
     cells = [list(titles), *([str(cell) for cell in row] for row in rows)]
     if markdown:
         kinds = ["---" if column < left else "--:" for column in range(len(titles))]
         return [f"| {' | '.join(row)} |" for row in (cells[0], kinds, *cells[1:])]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    while widest is not None and sum(widths) + 2 * (len(widths) - 1) > widest and max(widths) > NARROWEST:
+    while sum(widths) + 2 * (len(widths) - 1) > WIDEST and max(widths) > NARROWEST:
         widths[widths.index(max(widths))] -= 1
     rules = [["-" * width for width in widths]] if rule else []
     wrapped = partial(textwrap.wrap, subsequent_indent="  ", break_on_hyphens=False)
@@ -51,20 +43,11 @@ def table(
     ]
 
 
-def as_csv(titles: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """A table as CSV. A cell that is a named tuple becomes a column for each of its fields, `title, field`."""
-    fields = [max((getattr(cell, "_fields", ()) for cell in column), key=len) for column in zip(*rows, strict=True)]
-    names = [[f"{title}, {field}" for field in parts] or [title] for title, parts in zip(titles, fields, strict=True)]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(itertools.chain(*names))
-    for row in rows:
-        cells = [cell if isinstance(cell, tuple) else (cell,) for cell in row]
-        padded = [(*cell, *[""] * (len(columns) - len(cell))) for cell, columns in zip(cells, names, strict=True)]
-        writer.writerow(itertools.chain(*padded))
-    return text.getvalue()
-
-
 def some_of(names: Sequence[str], maximum: int = 8) -> str:
     """Names separated by commas; of many, the first ones and the number of the others."""
     return ", ".join(names[:maximum]) + (f" and {len(names) - maximum} more" if len(names) > maximum else "")
+
+
+def counted(lines: Iterable[str]) -> list[str]:
+    """Each line once, with the number of equal ones."""
+    return [line if count == 1 else f"{line} ({count} times)" for line, count in Counter(lines).items()]

@@ -43,7 +43,11 @@ def test_of_a_run_that_is_lost_there_is_no_improvement(swing_record: Callable[..
     assert apart is None
     rows = [details(record) for record in records]
     assert rows[1].regions == {}
-    assert list(lines(["a", "b"], summaries, rows, 0))[-1].startswith("no improvement on a: ")
+    beside = [rows[0]._replace(improvement_percent=calm), rows[1]]
+    assert "ITAE" in "\n".join(lines(["a", "b"], summaries, beside, 0))
+    assert improvements(summaries, 1) == [None, None]
+    *_, last = lines(["a", "b"], summaries, rows, 1)
+    assert last.startswith("\nno improvement on b: ")
 
 
 @pytest.mark.parametrize("baseline", [0, 1])

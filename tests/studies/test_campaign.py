@@ -149,12 +149,21 @@ def test_wrong_sign_that_was_never_found_is_missed() -> None:
 def test_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, document = tmp_path / "out", tmp_path / "told.json"
     command = ["campaign", str(small), "--set", "seed=1", "--out", str(folder), "--jobs", "1", "--json", str(document)]
-    assert main(command) == 0
+    status, said = main(command), capsys.readouterr()
     text, rows = (folder / "page.md").read_text(), json.loads(document.read_text())["draws"]
+    broken = len(list((folder / "failed").glob("*.yaml")))
+    assert broken == sum(row["does_no_harm"] is False or row["keeps_synchronism"] is False for row in rows) == 1
+    assert status == 3
+    assert (
+        said.err == f"facts-damping: the campaign ended, but: 1 case with a requirement violated: {folder / 'failed'}\n"
+    )
+    off = sum(row["fallback_s"] is not None or row["tripped_s"] is not None for row in rows)
+    assert said.out.splitlines()[1].startswith(f"{off} fell back or were tripped: ")
+    assert "1 with a requirement violated" in said.out
     assert "{{" not in text
     assert all(words in text for name, words in campaign_tables.WORDS.items() if name in invariants.INVARIANTS)
     assert len(rows) == 6
-    assert "6 cases with" in capsys.readouterr().out
+    assert "6 cases with" in said.out
     assert (folder / "draws.parquet").is_file()
     with (folder / "table_outcomes.csv").open(encoding="utf-8") as file:
         (head, first, *_) = csv.reader(file)

@@ -73,7 +73,7 @@ def test_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cas
     assert "It cannot be said to be better than no control." in repr(wrong)
     better = replace(right._card, score=5.0)
     ranked = ranking([wrong._card, better])
-    rows = [line.split()[0] for line in ranking_table(ranked)[2:]]
+    rows = [line.split()[0] for line in ranking_table(ranked) if line[0] not in " -"][1:]
     assert rows == ["LLC", "no", "tests.studies.test_score:WrongSign"]
     table, _ = write_ranking(ranked, tmp_path)
     assert [line.split(",")[0] for line in table.read_text().splitlines()[1:]] == ['"LLC"', f'"{rows[2]}"']
@@ -94,7 +94,11 @@ def test_card_is_the_same_on_any_number_of_cores_and_from_the_command(
     assert again is not None
     assert hunted == {"cases": cases_hunted, **again._asdict()}
     assert hunted["ratio"] > 0.0
-    assert "ITAE in the worst hunted case" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "ITAE in the worst hunted case" in said
+    tripped = sum(kind["tripped"] for kind in document["kinds"].values())
+    assert f"taken off by a supervisor in {tripped} of {len(document['cases'])} cases" in said
+    assert tripped == sum(case["tripped"] for case in document["cases"])
     assert (tmp_path / "card.png").read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "card.md").read_text()
     assert f"score {result.value:.1f}" in page

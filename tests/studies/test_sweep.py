@@ -21,6 +21,7 @@ import pytest
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.errors import InputError
 from facts_damping.output.terminal import Progress
 from facts_damping.parameters import files
 from facts_damping.parameters.files import shipped
@@ -52,10 +53,10 @@ def study(tmp_path: Path, text: str = ONE, name: str = "mine") -> Path:
     return path
 
 
-def swept(tmp_path: Path, path: Path | str, *more: str) -> dict[str, Any]:
+def swept(tmp_path: Path, path: Path | str, *more: str, status: int = 0) -> dict[str, Any]:
     target = tmp_path / "result.json"
-    status = main(["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "out"), "--json", str(target), *more])
-    assert status == 0
+    command = ["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "out"), "--json", str(target), *more]
+    assert main(command) == status
     return dict(json.loads(target.read_text()))
 
 
@@ -190,22 +191,70 @@ sweep:
         assert fraction["failed"] == sum(not row[figure] for row in rows_of_fraction)
 
 
-def test_run_that_fails_is_a_row(tmp_path: Path) -> None:
-    """A gain out of range, a device that is not there: lines of `error`; the others are run."""
-    text = """
+def test_all_that_cannot_be_made_is_refused_before_the_first_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A gain out of range, a device that is not there, a class that is none: in one line, whatever the seed."""
+    (tmp_path / "bad.py").write_text("class Bad:\n    def __init__(self, spec):\n        raise ValueError('no')\n")
+    text = f"""
 run: two_area_small
-set: {duration: 2}
+set: {{duration: 2}}
 sweep:
-  - {field: controllers.0.parameters.gain, values: [10, 1.0e+9]}
-  - {field: devices, values: [[sssc], [statcom]]}
+  - {{field: controllers.0.parameters.gain, values: [10, 1.0e+9]}}
+  - {{field: devices, values: [[sssc], [statcom]]}}
+  - name: kind
+    labels: [LLC, mine]
+    rows: [{{controllers.0.name: LLC}}, {{controllers.0.name: mine, controllers.0.policy: "{tmp_path}/bad.py:Bad"}}]
+  - {{field: seed, range: {{start: 1, step: 1, number: 500}}}}
 """
-    rows = swept(tmp_path, study(tmp_path, text))["rows"]
-    assert [row["error"] is None for row in rows] == [True, False, False, False]
-    assert "controllers.0.devices: 'sssc' given; allowed: statcom" in rows[1]["error"]
-    assert "--set controllers.0.parameters.gain=1000000000.0: " in rows[2]["error"]
-    assert all("\n" not in row["error"] for row in rows[1:])
+    out = tmp_path / "out"
+    said = "mine.yaml: 4 of 5 different runs cannot be made (--only leaves runs out): "
+    assert main(["sweep", str(study(tmp_path, text)), "--jobs", "1", "--out", str(out)]) == 2
+    errors = capsys.readouterr().err
+    assert said in errors
+    assert errors.count("\n") == 1
+    assert not out.exists()
+    for reason in (
+        "gain=10 devices=['statcom'] LLC",
+        "controllers.0.devices: 'sssc' given; allowed: statcom",
+        "--set controllers.0.parameters.gain=1000000000.0: ",
+        "ValueError: no",
+    ):
+        assert reason in errors
+
+
+FAILING = """
+class Failing:
+    def __init__(self, spec):
+        self.gain = spec.parameters.get("gain", 0.0)
+
+    def step(self, t_s, y, age_s, fresh):
+        if self.gain > 1.0 and t_s > 0.5:
+            raise ValueError("too much")
+        return [0.0]
+"""
+
+
+def test_run_that_fails_is_a_row_and_the_status_tells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What only shows while it runs: a line of `error`; the others are run."""
+    (tmp_path / "failing.py").write_text(FAILING, encoding="utf-8")
+    text = f"""
+run: two_area_small
+set: {{duration: 1, controllers: [{{name: mine, policy: "{tmp_path}/failing.py:Failing"}}]}}
+sweep: [{{field: controllers.0.parameters.gain, values: [1, 2]}}]
+tables: {{rows: [controllers.0.parameters.gain], figures: [ITAE]}}
+"""
+    first, second = swept(tmp_path, study(tmp_path, text), status=3)["rows"]
+    said = capsys.readouterr()
+    assert first["error"] is None
+    assert "ValueError: too much" in second["error"]
+    assert "\n" not in second["error"]
     assert pq.read_table(tmp_path / "out" / "rows.parquet")["error"].null_count == 1
-    assert rows[1]["devices"] == ["statcom"]
+    missing = f"1 of 2 runs could not be made, the first: {second['error']}"
+    assert said.err == f"facts-damping: the study ended, but: {missing}\n"
+    assert missing in said.out
+    assert missing in (tmp_path / "out" / "tables.md").read_text()
+    assert "| 2 | - | error |" in said.out
 
 
 def test_lost_synchronism_is_a_row_without_indices(tmp_path: Path) -> None:
@@ -424,10 +473,11 @@ from pathlib import Path
 
 class Deadly:
     def __init__(self, spec):
-        if not Path(__file__).with_name("spared").exists():
-            os.kill(os.getpid(), signal.SIGKILL)
+        pass
 
     def step(self, t_s, y, age_s, fresh):
+        if not Path(__file__).with_name("spared").exists():
+            os.kill(os.getpid(), signal.SIGKILL)
         return [0.0]
 """
 

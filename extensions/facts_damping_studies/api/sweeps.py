@@ -19,6 +19,7 @@ from facts_damping.parameters.study import Study
 from facts_damping.parameters.yaml_text import dump
 from facts_damping_studies.sweeps import sweep as studies
 from facts_damping_studies.sweeps import sweep_plots
+from facts_damping_studies.sweeps.control_outcomes import tripped
 from facts_damping_studies.sweeps.pool import refuse_within
 from facts_damping_studies.sweeps.results import cell, sweep_tables
 
@@ -68,7 +69,9 @@ class Sweep:
     def __repr__(self) -> str:
         """In a line."""
         failed = sum(row.error is not None for row in self._rows)
+        trips = sum(map(tripped, self._rows))
         parts = [f"{len(self._rows)} runs", *([f"{failed} failed"] if failed else [])]
+        parts += [f"{trips} tripped"] if trips else []
         parts += [f"{len(self._margins)} margins"] if self._margins else []
         return f"<Sweep {self.name}: {', '.join(parts)}>"
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.input_files import share_folder
-from facts_damping.output.tables import as_csv
 from facts_damping.output.writing import write_whole
 from facts_damping_studies.campaigns.campaign_tables import (
     WORDS,
     Table,
+    cause,
     controller_table,
     cost_table,
     fault_table,
@@ -18,10 +18,13 @@ from facts_damping_studies.campaigns.campaign_tables import (
     invariant_table,
     limit_table,
     missed_table,
+    most_frequent,
     outcome_table,
     place_table,
+    taken_off,
 )
 from facts_damping_studies.campaigns.faults import NOTHING
+from facts_damping_studies.pages import as_csv
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,7 +61,7 @@ def write_tables(rows: Rows, graphs: Rows, folder: Path) -> list[Path]:
 def overview(rows: Rows, graphs: Rows) -> list[str]:
     """Summary for a terminal."""
     tables = sections(rows, graphs)
-    shown = [counts(rows)]
+    shown = [counts(rows), *interventions(rows), ""]
     for name in ("invariants", "outcomes", "healthy"):
         shown += [*tables[name].markdown(), ""]
     return [*shown, f"{len(graphs)} graphs", *tables["graphs"].markdown()] if graphs else shown[:-1]
@@ -83,6 +86,17 @@ def sections(rows: Rows, graphs: Rows) -> dict[str, Table]:
     }
     sound = [row for row in graphs if row.error is None]
     return tables | {"graphs": invariant_table(sound, tuple(WORDS) if sound else ())}
+
+
+def interventions(rows: Rows) -> list[str]:
+    """How many controllers supervisors took off or never armed, and the violations, one line each."""
+    good = [row for row in rows if row.error is None]
+    off, never = [row for row in good if taken_off(row)], [row for row in good if row.actions.armed_s is None]
+    broken = sum(not row.holds for row in good)
+    lines = [f"{len(off)} fell back or were tripped: {most_frequent(off, cause)}"] if off else []
+    if never:
+        lines.append(f"{len(never)} never armed: {most_frequent(never, lambda row: row.actions.not_armed or '-')}")
+    return [*lines, f"{broken} with a requirement violated" if broken else "no requirement violated"]
 
 
 def counts(rows: Rows) -> str:

@@ -98,7 +98,7 @@ def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> Table:
     for name in names:
         asked = [row for row in rows if row.invariants.get(name) is not None]
         failed = [row for row in asked if not row.invariants[name]]
-        places = _largest(failed, lambda row: f"{row.drawn.fault}, {' '.join(row.drawn.place)}".strip())
+        places = most_frequent(failed, lambda row: f"{row.drawn.fault}, {' '.join(row.drawn.place)}".strip())
         lines.append([WORDS[name], str(len(asked)), Fraction.of(len(failed), len(asked)), places])
     heads = ["what must hold", "cases that can violate it", "violated", "most frequent"]
     return Table(heads, lines)
@@ -131,10 +131,10 @@ def healthy_table(rows: Rows) -> Table:
     healthy, lines = [row for row in rows if row.drawn.fault == NOTHING], []
     for system in [*sorted({row.drawn.base_run for row in healthy}), ""]:
         system_rows = [row for row in healthy if system in ("", row.drawn.base_run)]
-        off = [row for row in system_rows if _taken_off(row)]
-        monitors = sorted({_cause(row) for row in off})
+        off = [row for row in system_rows if taken_off(row)]
+        monitors = sorted({cause(row) for row in off})
         for monitor in ["", *monitors] if system else [""]:
-            by = [row for row in off if monitor in ("", _cause(row))]
+            by = [row for row in off if monitor in ("", cause(row))]
             counts = [sum(which(row) for row in by) for which in (_harmed, _helped)]
             never = str(sum(row.actions.armed_s is None for row in system_rows)) if not monitor else ""
             lines.append(
@@ -178,7 +178,7 @@ def limit_table(rows: Rows) -> Table:
         limit_rows = [row for row in rows if row.drawn.labels["limit"] == name]
         healthy = [row for row in limit_rows if row.drawn.fault == NOTHING]
         lines.append([name, str(len(healthy))])
-        lines[-1] += [Fraction.of(sum(which(row) for row in healthy), len(healthy)) for which in (_taken_off, _harmed)]
+        lines[-1] += [Fraction.of(sum(which(row) for row in healthy), len(healthy)) for which in (taken_off, _harmed)]
         wrong = [row for row in limit_rows if row.drawn.fault in TURNED and _acts(row)]
         for harm in ("on", "off"):
             asked = [row for row in wrong if row.drawn.labels["harm"] == harm]
@@ -199,25 +199,26 @@ def _detected(rows: Rows) -> list[float]:
     return [row.actions.detected_s for row in rows if row.actions.detected_s is not None]
 
 
-def _taken_off(row: DrawRow) -> bool:
+def taken_off(row: DrawRow) -> bool:
     """Whether a controller fell back or was tripped."""
     return row.actions.fallback_s is not None or row.actions.tripped_s is not None
 
 
-def _cause(row: DrawRow) -> str:
+def cause(row: DrawRow) -> str:
+    """The monitor that made a controller fall back, or be tripped."""
     return str(row.actions.fallback_cause or row.actions.cause)
 
 
 def _harmed(row: DrawRow) -> bool:
     """Whether it was taken off with harm: beside the same controller without supervision."""
     index, free = row.effect.ITAE, row.unsupervised_itae
-    return _taken_off(row) and free is not None and (index is None or index > HARM * free)
+    return taken_off(row) and free is not None and (index is None or index > HARM * free)
 
 
 def _helped(row: DrawRow) -> bool:
     """Whether it was taken off to the grid's benefit, by the same measure."""
     index, free = row.effect.ITAE, row.unsupervised_itae
-    return _taken_off(row) and index is not None and (free is None or HARM * index < free)
+    return taken_off(row) and index is not None and (free is None or HARM * index < free)
 
 
 def fault_table(rows: Rows) -> Table:
@@ -228,7 +229,7 @@ def fault_table(rows: Rows) -> Table:
         if fault_rows:
             fell = sum(row.actions.fallback_s is not None for row in fault_rows)
             tripped = sum(row.actions.tripped_s is not None for row in fault_rows)
-            causes = _largest([row for row in fault_rows if row.actions.detected_s is not None], _cause)
+            causes = most_frequent([row for row in fault_rows if row.actions.detected_s is not None], cause)
             lines.append([fault, str(len(fault_rows)), str(fell), str(tripped), *_times(_detected(fault_rows)), causes])
     heads = ["fault", "armed", "fell back", "tripped", "median, s", "99 %, s", "monitor"]
     return Table(heads, lines)
@@ -285,7 +286,7 @@ def cost_table(rows: Rows) -> Table:
     """Cost of supervision without faults: loss of damping of those that are taken off, and of the others."""
     healthy, lines = [row for row in rows if row.drawn.fault == NOTHING], []
     for name, off in (("stays armed", False), ("falls back or is tripped", True)):
-        group_rows = [row for row in healthy if _taken_off(row) == off]
+        group_rows = [row for row in healthy if taken_off(row) == off]
         both = [(row.effect.ITAE, row.unsupervised_itae) for row in group_rows]
         pairs = [supervised / free for supervised, free in both if supervised and free]
         quantiles = [f"{np.percentile(pairs, q):.3f}" for q in (50, 90, 99)] if pairs else ["-"] * 3
@@ -312,7 +313,8 @@ def controller_table(rows: Rows) -> Table:
     return Table(heads, sorted(lines))
 
 
-def _largest(rows: Rows, what: Callable[[DrawRow], str]) -> str:
+def most_frequent(rows: Rows, what: Callable[[DrawRow], str]) -> str:
+    """What occurs most in rows, each with its number; the rest as a number."""
     counts: dict[str, int] = {}
     for row in rows:
         counts[what(row)] = counts.get(what(row), 0) + 1

@@ -42,6 +42,7 @@ def answer(card: ScoreCard) -> list[str]:
         *([f"relative to others: {'; '.join(against)}"] if against else []),
         f"worse than no control: {harm}",
         f"synchronism lost in {card.lost} cases, without control in {card.lost_without_control}",
+        f"taken off by a supervisor in {card.tripped} of {len(card.cases)} cases",
         f"better than no control up to {delays(card)} more delay",
         f"mean setpoint {100 * card.effort:.1f} % of the limit; {duty}",
     ]
@@ -79,18 +80,26 @@ def kinds_table(card: ScoreCard, *, markdown: bool = False) -> list[str]:
     return table(heads, rows, 1, markdown=markdown)
 
 
-RANKING = ("controller", "score", "index relative to no control", "lost", "helps to a delay of", "harm")
+RANKING = ("controller", "score", "index relative to no control", "lost", "tripped", "helps to a delay of", "harm")
 WORST = "ITAE in the worst hunted case"  # the last column, if cases were hunted
 
 
 def ranking_table(cards: Sequence[ScoreCard], *, markdown: bool = False) -> list[str]:
     """A row for each card, and one for no control."""
     rows = [
-        [card.controller, f"{card.score:.1f}", change_text(card.change), card.lost, delays(card), _harm(card) or "-"]
+        [
+            card.controller,
+            f"{card.score:.1f}",
+            change_text(card.change),
+            card.lost,
+            card.tripped,
+            delays(card),
+            _harm(card) or "-",
+        ]
         for card in cards
     ]
     at = next((i for i, card in enumerate(cards) if card.score < 0.0), len(cards))
-    rows.insert(at, [NONE, "0", "", cards[0].lost_without_control, "", ""])
+    rows.insert(at, [NONE, "0", "", cards[0].lost_without_control, "", "", ""])
     if cards[0].hunted is None:
         return table(RANKING, rows, 1, markdown=markdown)
     worst = [worst_text(card) for card in cards]
@@ -111,6 +120,7 @@ def ranked(cards: Sequence[ScoreCard]) -> list[dict[str, Any]]:
             "score": card.score,
             **card.change._asdict(),
             "lost": card.lost,
+            "tripped": card.tripped,
             "helps_to": delays(card),
             "harm": _harm(card),
             **({} if card.hunted is None else {"worst": worst_text(card)}),
@@ -136,7 +146,7 @@ def plot(cards: Sequence[ScoreCard], path: Path) -> Path:
         at = [j + step * (i - (len(cards) - 1) / 2) for j in range(len(kinds))]
         low, high = [_ratio(change.low) for change in changes], [_ratio(change.high) for change in changes]
         axes.hlines(at, low, high, color=colour, lw=1.2)
-        axes.plot([_ratio(change.percent) for change in changes], at, "o", ms=4, color=colour, label=card.controller)
+        axes.plot([_ratio(change.percent) for change in changes], at, "o", ms=4, color=colour, label=_name(card))
     axes.axvline(1.0, color="black", lw=0.8)
     axes.set_yticks(range(len(kinds)), kinds)
     axes.invert_yaxis()
@@ -144,8 +154,15 @@ def plot(cards: Sequence[ScoreCard], path: Path) -> Path:
     axes.set_xticks([_ratio(percent) for percent in TICKS], [f"{percent:+d}" for percent in TICKS])
     axes.set_xticks([], minor=True)
     axes.grid(visible=True, axis="x", lw=0.3)
-    figure.legend(fontsize="small", frameon=False, loc="outside lower center", ncols=4)
+    figure.legend(fontsize="small", frameon=False, loc="outside lower center", ncols=2)
     return save_picture(figure, path)
+
+
+def _name(card: ScoreCard) -> str:
+    """A card's name in a picture, with what went wrong in its cases."""
+    counts = {"lost": card.lost, "tripped": card.tripped}
+    wrong = [f"{word} {count}" for word, count in counts.items() if count]
+    return f"{card.controller} ({', '.join(wrong)} of {len(card.cases)})" if wrong else card.controller
 
 
 def _ratio(percent: float) -> float:

@@ -68,6 +68,11 @@ class ScoreCard:
         return sum(kind.lost for kind in self.kinds.values())
 
     @property
+    def tripped(self) -> int:
+        """Cases in which a supervisor took the controller off."""
+        return sum(kind.tripped for kind in self.kinds.values())
+
+    @property
     def lost_without_control(self) -> int:
         """Cases that lose synchronism without control."""
         return sum(kind.lost_without_control for kind in self.kinds.values())

@@ -26,7 +26,10 @@ from facts_damping.analysis.response import swings_of
 from facts_damping.analysis.verdict import GROWING, LIMIT_CYCLE
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import make_case
-from facts_damping.errors import FactsDampingError, InputError
+from facts_damping.errors import FactsDampingError, InputError, one_line
+from facts_damping.monitor_table import TRIPPED
+from facts_damping.output.tables import counted
+from facts_damping.output.terminal import note
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller
@@ -55,6 +58,7 @@ class Figures(NamedTuple):
     indices: dict[str, float]
     effort: float  # mean setpoint relative to the devices' limits
     damped: bool  # neither growing nor a limit cycle
+    tripped: bool = False  # whether a supervisor tripped a controller
 
 
 class Draw(NamedTuple):
@@ -71,17 +75,19 @@ class Score(NamedTuple):
     value: float
     ratios: dict[str, float]  # geometric mean of each index relative to the reference
     undamped: float  # fraction of draws
+    tripped: float = 0.0  # fraction of draws in which a supervisor trips a controller
 
 
 def figures(record: Record, twin_run: Twin | None = None) -> Figures:
     """Figures of a run with its twin; for a run that loses synchronism only how long it lasted."""
+    trip = bool((record.supervision["state"] == TRIPPED).any())
     if not record.in_synchronism.all():
         duration = float(record.configuration["duration"])
-        return Figures(min(float(record.time_s[-1]) / duration, 1.0 - 1e-9), {}, 0.0, damped=False)
+        return Figures(min(float(record.time_s[-1]) / duration, 1.0 - 1e-9), {}, 0.0, damped=False, tripped=trip)
     swings = swings_of(record, twin_run)
     verdict = judge_run(record, twin_run, swings).judgement.verdict
     dies = verdict not in (GROWING, LIMIT_CYCLE)  # an undecided verdict is no failure: the last event was late
-    return Figures(1.0, performance_indices(record.time_s, swings.own), mean_effort(record), dies)
+    return Figures(1.0, performance_indices(record.time_s, swings.own), mean_effort(record), dies, trip)
 
 
 def draws(
@@ -108,15 +114,17 @@ def draws(
         plain = {name: value for name, value in base.set.items() if name in ("profile", "link")}
         plain |= {"system": run_names.system, "scenario": run_names.scenario}
         ensemble_draws.append(_draw(make(base._replace(set=plain, content={}), {}), reference))
-    random = {name for axis in plan.study.sweep for name in drawn_columns(axis)}
+    random, left_out = {name for axis in plan.study.sweep for name in drawn_columns(axis)}, list[str]()
     for point in plan.points:
         if len(ensemble_draws) >= number:
             break
         group = tuple(value for name, value in point.columns.items() if name not in random)
         try:
             ensemble_draws.append(_draw(make(base, point.changes), reference, group))
-        except FactsDampingError:
-            continue
+        except FactsDampingError as error:
+            left_out.append(one_line(error))
+    if left_out:
+        note(f"{plan.base.source}: draws left out, as they give no reference: {'; '.join(counted(left_out))}")
     if len(ensemble_draws) < number:
         raise InputError(
             f"{plan.base.source}: {len(ensemble_draws)} draws in synchronism given; allowed: at least {number}"
@@ -183,7 +191,9 @@ def score(controller: Controller, against: Sequence[Draw], worst: int = 100, *, 
     for draw in against:
         run_figures = run(draw.content, controller)
         if run_figures.lasted < 1.0:
-            return Score(LOST * (2.0 - (len(all_figures) + run_figures.lasted) / len(against)), {}, 1.0)
+            trips = [*(each.tripped for each in all_figures), run_figures.tripped]
+            lost = LOST * (2.0 - (len(all_figures) + run_figures.lasted) / len(against))
+            return Score(lost, {}, 1.0, float(np.mean(trips)))
         all_figures.append(run_figures)
     pairs = list(zip(all_figures, (draw.reference for draw in against), strict=True))
     logs = np.array([[np.log(a.indices[name] / b.indices[name]) for a, b in pairs] for name in THESIS_INDICES])
@@ -197,4 +207,5 @@ def score(controller: Controller, against: Sequence[Draw], worst: int = 100, *, 
     undamped = float(np.mean([not each_figures.damped for each_figures in all_figures]))
     value = float(counted.max()) + UNDAMPED * undamped + PRICE * max(0.0, effort)
     ratios = np.exp(logs.mean(axis=1))
-    return Score(value, {name: float(ratio) for name, ratio in zip(THESIS_INDICES, ratios, strict=True)}, undamped)
+    ratio_by_name = {name: float(ratio) for name, ratio in zip(THESIS_INDICES, ratios, strict=True)}
+    return Score(value, ratio_by_name, undamped, float(np.mean([each.tripped for each in all_figures])))

@@ -73,7 +73,8 @@ def tuned(task: SearchTask, command: str, entries: Sequence[Entry]) -> Tuned:
 
 
 def _percent(score: Score) -> str:
-    return ", ".join(f"{name} {100 * (r - 1):+.1f} %" for name, r in score.ratios.items()) or "synchronism lost"
+    changes = ", ".join(f"{name} {100 * (r - 1):+.1f} %" for name, r in score.ratios.items()) or "synchronism lost"
+    return changes + (f"; tripped in {100 * score.tripped:.0f} % of the cases" if score.tripped else "")
 
 
 def rows(entries: Sequence[Entry]) -> list[dict[str, Any]]:
@@ -89,6 +90,7 @@ def rows(entries: Sequence[Entry]) -> list[dict[str, Any]]:
             "scores": [score.value for score in entry.scores],
             "ratios": [score.ratios for score in entry.scores],
             "undamped": [score.undamped for score in entry.scores],
+            "tripped": [score.tripped for score in entry.scores],
             "parameters": entry.controller.parameters if entry.controller else {},
         }
         for i, entry in enumerate(entries, 1)
@@ -96,13 +98,24 @@ def rows(entries: Sequence[Entry]) -> list[dict[str, Any]]:
 
 
 def search_table(entries: Sequence[Entry]) -> list[str]:
-    """The ranking in Markdown; the last column is the score on fresh draws."""
+    """The ranking in Markdown: scores, the last on fresh draws, and what went wrong on the draws of an entry's last."""
     maximum = max(len(entry.scores) for entry in entries)
     titles = ["controller", "scheme", "devices", "compensation", *(f"rung {i}" for i in range(maximum - 1)), "fresh"]
+    wrong = any(_wrong(entry.scores[-1]) != "-" for entry in entries)
+    titles += ["draws of the last score"] if wrong else []
     cells = []
     for entry in entries:
         structure = entry.structure
         compensation = entry.controller.compensation if entry.controller else None
         scores = [f"{score.value:.3f}" for score in entry.scores] + [""] * (maximum - len(entry.scores))
+        scores += [_wrong(entry.scores[-1])] if wrong else []
         cells.append([structure.name, structure.scheme or "-", "+".join(structure.devices), compensation, *scores])
     return table(titles, cells, left=4, markdown=True)
+
+
+def _wrong(score: Score) -> str:
+    """What went wrong on the draws of a score."""
+    if not score.ratios:
+        return "synchronism lost" + (f", {100 * score.tripped:.0f} % tripped" if score.tripped else "")
+    fractions = {"not damped": score.undamped, "tripped": score.tripped}
+    return ", ".join(f"{100 * part:.0f} % {word}" for word, part in fractions.items() if part) or "-"

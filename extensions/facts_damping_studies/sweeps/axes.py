@@ -182,10 +182,13 @@ def quantile(variable: Variable, fraction: NDArray[np.float64]) -> NDArray[np.fl
 
 def drawn_columns(axis: Axis) -> list[str]:
     """Random columns of an axis."""
-    inside = [name for inner_axis in axis.zip or [] for name in drawn_columns(inner_axis)]
+    return list(dict.fromkeys(variable.column for variable in drawn_variables(axis)))
+
+
+def drawn_variables(axis: Axis) -> list[Variable]:
+    """Random variables of an axis."""
+    inside = [variable for inner_axis in axis.zip or [] for variable in drawn_variables(inner_axis)]
     if axis.draws is None:
         return inside
-    variables = axis.draws.variables + [
-        variable for kind in (axis.draws.kinds or {}).values() for variable in kind.variables
-    ]
-    return [*inside, *dict.fromkeys(variable.column for variable in variables)]
+    of_kinds = [variable for kind in (axis.draws.kinds or {}).values() for variable in kind.variables]
+    return [*inside, *axis.draws.variables, *of_kinds]

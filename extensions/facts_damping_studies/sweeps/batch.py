@@ -14,13 +14,15 @@ import numpy as np
 
 from facts_damping.analysis import convergence
 from facts_damping.analysis.indices import INDICES
+from facts_damping.analysis.judging import AT_LIMITS
 from facts_damping.analysis.latency import ages_ms
 from facts_damping.analysis.summary import AUTO, summarise
 from facts_damping.analysis.supervision import trips
 from facts_damping.caching import shared
 from facts_damping.case import loading
-from facts_damping.errors import FactsDampingError, one_line
+from facts_damping.errors import FactsDampingError, InputError, one_line
 from facts_damping.findings import NO_CONTROL, uncontrolled
+from facts_damping.monitor_table import STATES, TRIPPED
 from facts_damping.parameters.run import Run
 from facts_damping.simulation import loop, twins
 from facts_damping_studies.margins import criteria
@@ -29,6 +31,7 @@ from facts_damping_studies.sweeps.sweep_rows import (
     IDENTITY,
     LATENCIES,
     QUANTILES,
+    FirstTrip,
     HalfStep,
     Interarea,
     RunFigures,
@@ -86,6 +89,17 @@ def make(base: Base, changes: Mapping[str, Any]) -> Case:
     return loading.changed_case(deepcopy(base.content), base.source, values)
 
 
+def refusal(base: Base, task: RunRequest) -> tuple[str, str | None]:
+    """Key of a run, and why its input is refused when its loop is built; None: it is not."""
+    try:
+        loop.build_loop(make(base, task.changes))
+    except InputError as error:
+        return task.key, one_line(error)
+    except Exception:  # noqa: BLE001 (whatever else comes is told by its row)
+        return task.key, None
+    return task.key, None
+
+
 def one_run(base: Base, task: RunRequest) -> tuple[str, SweepRow]:
     """Key and row of a run; a failed run has a row too, with the reason in `error`."""
     row = SweepRow({**dict.fromkeys(IDENTITY), **names(base, task.changes)._asdict(), **task.columns}, error=None)
@@ -103,6 +117,8 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, SweepRow]:
             figures=figures(record, summary),
             half_step=None if finer is None else half_step(summary, finer),
             interarea=interarea(summary) if base.modes else None,
+            first_trip=first_trip(summary),
+            at_limits=summary.verdict_because == AT_LIMITS,
         )
         row = replace(row, asked=criterion_figures(case, record, summary, base.criteria))
         if base.jacobian is not None:
@@ -179,6 +195,14 @@ def figures(record: Record, summary: Summary) -> RunFigures:
         growth_high_per_s=growth and growth.high,
         warnings="; ".join(summary.warnings) or None,
     )
+
+
+def first_trip(summary: Summary) -> FirstTrip | None:
+    """The first trip of a run; None: there is none."""
+    changes = [change for history in summary.supervision for change in history.changes]
+    tripped = [change for change in changes if change.state == STATES[TRIPPED]]
+    first = min(tripped, key=lambda change: change.time_s, default=None)
+    return None if first is None else FirstTrip(*first[1:])
 
 
 def half_step(summary: Summary, finer: Summary) -> HalfStep:

@@ -13,12 +13,12 @@ import pyarrow as pa
 from pyarrow import csv, parquet
 
 from facts_damping.analysis.convergence import MARK
-from facts_damping.analysis.run_warnings import NEVER_ARMED
 from facts_damping.input_files import share_folder
 from facts_damping.output.tables import table as text_table
 from facts_damping.output.writing import replacing, write_whole
 from facts_damping.version import versions
 from facts_damping_studies.margins.margins import failed_fraction
+from facts_damping_studies.sweeps.control_outcomes import missing_line, outcome_lines
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -88,7 +88,6 @@ def _written(path: Path, rows: Sequence[Cells]) -> Path:
 
 def sweep_tables(rows: Rows, margins: Margins, fractions: Sequence[FractionRow], across: str = "scenario") -> list[str]:
     """Lines for a terminal: counts, margins, fractions of failed runs."""
-    failed = [row.error for row in rows if row.error]
     sound = [row for row in rows if not row.error]
     lines = [f"{len(rows)} runs"]
     if sound:
@@ -97,16 +96,39 @@ def sweep_tables(rows: Rows, margins: Margins, fractions: Sequence[FractionRow],
     open_ = sum(row.unsure for row in sound)
     if open_:
         lines[0] += f", {open_} not converged"
-    never = sum(NEVER_ARMED in ((row.figures and row.figures.warnings) or "") for row in sound)
-    if never:
-        lines[0] += f", {never} with a controller that was {NEVER_ARMED}"
-    if failed:
-        lines.append(f"{len(failed)} could not be made, the first: {failed[0]}")
+    lines += shortcomings(rows)
     if margins:
-        lines += ["", *margin_table(margins, across)]
+        lines += ["", *margin_table(margins, across), *legend(margins)]
     if fractions and len(fractions) <= MAX_LINES:
         lines += ["", *fraction_table(fractions)]
     return lines
+
+
+def shortcomings(rows: Rows, *, hints: bool = True) -> list[str]:
+    """Lines on runs that did not do what was asked: control that did not act as intended, runs that are missing."""
+    missing = missing_line(rows)
+    return [*outcome_lines(rows, hints=hints), *([] if missing is None else [missing])]
+
+
+def legend(margins: Margins) -> list[str]:
+    """What the marks in a table of margins mean, in a line; empty: there are none."""
+    known = [row.over_seeds for row in margins]
+    words = {
+        "*": "holds again at larger values, at so many % of the coarse grid in all",
+        ">": "holds at all values",
+        "<": "fails at the first value",
+        MARK: "otherwise with half the integration step",
+        "tripped": "of the runs of its search, so many were tripped",
+    }
+    there = {
+        "*": not all(margin.monotonic for margin in known),
+        ">": any(margin.margin_s is None and margin.beyond == "high" for margin in known),
+        "<": any(margin.margin_s is None and margin.beyond == "low" for margin in known),
+        MARK: any(row.converged is False for row in margins),
+        "tripped": any(row.tripped for row in margins),
+    }
+    texts = [f"`{mark}`: {text}" for mark, text in words.items() if there[mark]]
+    return [f"Marks: {'; '.join(texts)}."] if texts else []
 
 
 def varying(rows: Sequence[Cells], without: Sequence[str]) -> list[str]:
@@ -226,6 +248,8 @@ def margin_text(row: MarginRow | None) -> str:
             star += f", also {', '.join(f'{low:.3f} to {high:.3f}' for low, high in row.holds_s[1:])}"
     if row.converged is False:
         star += " " + MARK
+    if row.tripped:
+        star += f" ({row.tripped} tripped)"
     if margin.margin_s is None:
         return {"high": f"> {cell(margin.low_s)}", "low": f"< {cell(margin.high_s)}", None: "-"}[margin.beyond] + star
     return f"{margin.margin_s:.3f} [{cell(margin.low_s)}, {cell(margin.high_s)}]{star}"
@@ -241,14 +265,15 @@ def spans(values: Sequence[float]) -> str:
 def fraction_table(fractions: Sequence[FractionRow]) -> list[str]:
     """Fractions of failed runs in Markdown."""
     columns = varying([{**row.place, "criterion": row.criterion} for row in fractions], ())
-    checked = any(row.not_converged is not None for row in fractions)
+    checked, trips = any(row.not_converged is not None for row in fractions), any(row.tripped for row in fractions)
     cells = []
     for row in fractions:
         runs, _, fraction, low, high = row.fraction
         counted = [str(runs), f"{100 * fraction:.1f}", f"{100 * low:.1f} to {100 * high:.1f}"]
-        counted += [cell(row.not_converged)] if checked else []
+        counted += ([cell(row.not_converged)] if checked else []) + ([str(row.tripped)] if trips else [])
         cells.append([*(cell(row.cells.get(name)) for name in columns), *counted])
     titles = [*columns, "runs", "failed, %", "95 % interval", *(["not converged"] if checked else [])]
+    titles += ["tripped"] if trips else []
     return text_table(titles, cells, len(columns), markdown=True)
 
 

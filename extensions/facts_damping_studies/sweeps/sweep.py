@@ -21,8 +21,9 @@ from facts_damping.simulation.programs.user_code import source_hash
 from facts_damping.version import __version__
 from facts_damping_studies.margins import margins
 from facts_damping_studies.margins.criteria import CriterionFigures, fails
-from facts_damping_studies.sweeps import axes, true_jacobian
+from facts_damping_studies.sweeps import axes, feasibility, true_jacobian
 from facts_damping_studies.sweeps.batch import Base, RunRequest, make, one_run
+from facts_damping_studies.sweeps.control_outcomes import tripped
 from facts_damping_studies.sweeps.enumerated_axes import expand_axis
 from facts_damping_studies.sweeps.journal import Journal
 from facts_damping_studies.sweeps.pool import workers
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from facts_damping.output.terminal import Progress
     from facts_damping.parameters.study import Margin
     from facts_damping_studies.sweeps.axes import Point
+    from facts_damping_studies.sweeps.pool import Each
 
 JOURNAL = "rows.jsonl"
 COPY = "study.yaml"
@@ -124,13 +126,18 @@ def _check_tables(study: Study, first: Point, case: Case) -> None:
 def run(sweep_plan: SweepPlan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
     """The rows of a study's points; only runs missing in the folder are made.
 
-    Raises `InputError` if the folder belongs to another study, `RunError` if the runs cannot continue.
+    Raises `InputError` if the folder belongs to another study, or if runs cannot be made (`feasibility`), before the
+    first of them; `RunError` if the runs cannot continue.
     """
     maximum = len(sweep_plan.points) * (margins.max_runs(sweep_plan.study.margin) if sweep_plan.study.margin else 1)
-    with (
-        workers(jobs, scheduler) as each,
-        Journal(files.new_folder(folder) / JOURNAL, sweep_plan.fingerprint, SweepRow.read) as journal,
-    ):
+    with workers(jobs, scheduler) as each:
+        if not (folder / JOURNAL).exists():  # a study that goes on was checked when it began
+            feasibility.check(sweep_plan.base, _first_tasks(sweep_plan), random_columns(sweep_plan.study), each)
+        return _run(sweep_plan, folder, each, maximum, progress)
+
+
+def _run(sweep_plan: SweepPlan, folder: Path, each: Each, maximum: int, progress: Progress) -> list[PointState]:
+    with Journal(files.new_folder(folder) / JOURNAL, sweep_plan.fingerprint, SweepRow.read) as journal:
         write_whole(folder / COPY, sweep_plan.text)
         if journal.damaged:
             lines = f"{journal.damaged} damaged line{'s' if journal.damaged > 1 else ''}"
@@ -144,6 +151,11 @@ def run(sweep_plan: SweepPlan, folder: Path, jobs: int, scheduler: str | None, p
         return _seen(sweep_plan, journal.rows)
 
 
+def random_columns(study: Study) -> set[str]:
+    """Columns that are random: the seed and what is drawn."""
+    return {"seed", *(name for axis in study.sweep for name in axes.drawn_columns(axis))}
+
+
 def rows(point_states: Sequence[PointState]) -> list[SweepRow]:
     """All rows, by point, then by the value of the margin's field."""
     return [seen[value] for seen in point_states for value in sorted(seen, key=lambda value: value or 0.0)]
@@ -155,6 +167,15 @@ def _seen(sweep_plan: SweepPlan, journal_rows: Mapping[str, SweepRow]) -> list[P
         point, _, value = key.partition(" ")
         states[int(point)][float(value) if value else None] = row
     return states
+
+
+def _first_tasks(sweep_plan: SweepPlan) -> list[RunRequest]:
+    """A run of each point, without its random values: with a margin, the first of its search."""
+    low = None if sweep_plan.study.margin is None else sweep_plan.study.margin.low
+    random = {path for axis in sweep_plan.study.sweep for v in axes.drawn_variables(axis) for path in v.factors}
+    tasks = [_task(sweep_plan, i, low) for i in range(len(sweep_plan.points))]
+    plain = [{path: value for path, value in task.changes.items() if path not in random} for task in tasks]
+    return [task._replace(changes=changes) for task, changes in zip(tasks, plain, strict=True)]
 
 
 def _tasks(sweep_plan: SweepPlan, journal_rows: Mapping[str, SweepRow]) -> list[RunRequest]:
@@ -235,7 +256,8 @@ def found_margins(sweep_plan: SweepPlan, point_states: Sequence[PointState]) -> 
             held, intervals = margins.held(margin, searches), margins.holding(searches)
             changed = differ(ends, criterion)
             converged = not any(changed) if changed else None
-            rows.append(MarginRow(json.loads(place), criterion, over, held, intervals, converged))
+            trips = sum(tripped(row) for seen in group for row in seen.values())
+            rows.append(MarginRow(json.loads(place), criterion, over, held, intervals, converged, trips))
     return rows
 
 
@@ -259,10 +281,8 @@ def across(sweep_plan: SweepPlan) -> str:
 
 def _place(sweep_plan: SweepPlan) -> list[str]:
     """Columns that identify a run, without its seed and random values."""
-    random = {"seed", *(name for axis in sweep_plan.study.sweep for name in axes.drawn_columns(axis))}
-    return [
-        name for name in dict.fromkeys([*IDENTITY, *sweep_plan.points[0].columns, "horizon_s"]) if name not in random
-    ]
+    columns, random = [*IDENTITY, *sweep_plan.points[0].columns, "horizon_s"], random_columns(sweep_plan.study)
+    return [name for name in dict.fromkeys(columns) if name not in random]
 
 
 def found_fractions(sweep_plan: SweepPlan, point_states: Sequence[PointState]) -> list[FractionRow]:
@@ -283,5 +303,6 @@ def found_fractions(sweep_plan: SweepPlan, point_states: Sequence[PointState]) -
             fraction = margins.failed_fraction(sum(fails(criterion, row.judged) for row in place_rows), len(place_rows))
             changed = differ(place_rows, criterion)
             unsure = None if changed is None else sum(changed)
-            fractions.append(FractionRow(json.loads(place), criterion, fraction, unsure))
+            trips = sum(map(tripped, place_rows))
+            fractions.append(FractionRow(json.loads(place), criterion, fraction, unsure, trips))
     return fractions

@@ -11,10 +11,10 @@ from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping_studies.margins.criteria import fails
 from facts_damping_studies.margins.margins import failed_fraction
-from facts_damping_studies.pages import save
+from facts_damping_studies.pages import headline, legend, save
 from facts_damping_studies.sweeps.column_names import axis_label, value_label
 from facts_damping_studies.sweeps.margin_plots import plot_margins
-from facts_damping_studies.sweeps.results import by_scenario, counted, label, varying
+from facts_damping_studies.sweeps.results import by_scenario, counted, label, shortcomings, varying
 from facts_damping_studies.sweeps.sweep import differ
 from facts_damping_studies.sweeps.sweep_rows import LATENCIES, QUANTILES
 
@@ -63,7 +63,12 @@ def plot(rows: Rows, swept: Sequence[str], margins: Sequence[MarginRow], across:
             figures[f"probability{ending}"] = plot_probability(sound, x, swept, axes, criterion)
             figures[f"map{ending}"] = plot_map(sound, x, others[0], swept, criterion) if others else None
     figures["latency"] = plot_latency(sound, swept) if few else None
-    return [save(figure, folder / f"{stem}.png") for stem, figure in figures.items() if figure is not None]
+    paths = []
+    for stem, figure in figures.items():
+        if figure is not None:
+            headline(figure, shortcomings(rows, hints=False))
+            paths.append(save(figure, folder / f"{stem}.png"))
+    return paths
 
 
 def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:
@@ -135,16 +140,6 @@ def _panels(columns: Mapping[str, Rows], titles: Sequence[str], x: str) -> tuple
     return figure, {title: panels[:, j] for j, title in enumerate(columns)}
 
 
-def _legend(figure: Figure) -> None:
-    entries = {}
-    for axes in figure.axes:
-        handles, labels = axes.get_legend_handles_labels()
-        entries.update(dict(zip(labels, handles, strict=True)))
-    entries.pop("", None)
-    if entries:
-        figure.legend(entries.values(), entries, loc="outside right center", fontsize="small", frameon=False)
-
-
 def plot_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
     """Index, damping ratio and roughness against a numeric axis: medians, with points for random values.
 
@@ -178,7 +173,7 @@ def plot_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
     notes = [LOST_RUNS] if lost else []
     notes += [LEFT_OUT] if any(row.unsure for row in rows) else []
     figure.suptitle("\n".join(notes), fontsize="small")
-    _legend(figure)
+    legend(figure, loc="outside right center")
     return figure
 
 
@@ -240,7 +235,7 @@ def plot_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
             ends = [fraction.low for fraction in fractions], [fraction.high for fraction in fractions]
             panel.fill_between(middles, *ends, color=looks[group]["color"], alpha=0.15, lw=0)
             panel.set_ylim(-0.02, 1.02)
-    _legend(figure)
+    legend(figure, loc="outside right center")
     return figure if several else None
 
 
@@ -334,5 +329,5 @@ def plot_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
     axes.set_title(", ".join(title), fontsize="medium")
     axes.grid(visible=True, lw=0.3)
     axes.spines[["top", "right"]].set_visible(False)
-    _legend(figure)
+    legend(figure, loc="outside right center")
     return figure

@@ -53,6 +53,16 @@ class Interarea(NamedTuple):
     interarea_damping_ratio: float | None
 
 
+class FirstTrip(NamedTuple):
+    """The first trip of a run by a supervisor; None: its cause has no number."""
+
+    s: float  # time
+    cause: str  # a monitor, or another cause (docs/supervision.md)
+    value: float | None
+    limit: float | None
+    unit: str | None
+
+
 def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
     """Columns of the figures of a run."""
     names = [name for name in RunFigures._fields if name not in ("indices", "latency")]
@@ -70,6 +80,8 @@ class SweepRow(Row):
     figures: RunFigures | None = None  # None: the run failed
     half_step: HalfStep | None = None  # None: not checked
     interarea: Interarea | None = None  # None: modes were not asked for
+    first_trip: FirstTrip | None = field(default=None, metadata={"prefix": "trip_"})  # None: no trip
+    at_limits: bool = False  # whether it is undecided, as setpoints are at their limits to the end
     # What the study asks for: those of `CriterionFigures` that its criteria need, and figures by `true_jacobian.names`.
     asked: dict[str, float | None] = field(default_factory=dict)
     error: str | None = field(kw_only=True)  # why the run, or one of its figures, failed
@@ -108,6 +120,7 @@ class MarginRow(Row):
     holds: float | None  # fraction of the coarse grid's values at which the criterion holds
     holds_s: list[list[float]]  # intervals of the values at which it holds, in at least half of the searches
     converged: bool | None = None  # with half the integration step; None: not checked
+    tripped: int = 0  # runs of the search that a supervisor tripped
 
 
 @dataclass(frozen=True)
@@ -118,3 +131,4 @@ class FractionRow(Row):
     criterion: str  # one of CRITERIA
     fraction: FailedFraction
     not_converged: int | None = None  # runs that do otherwise with half the integration step; None: not checked
+    tripped: int = 0  # runs that a supervisor tripped

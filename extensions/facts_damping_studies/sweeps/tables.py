@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from facts_damping.analysis.convergence import MARK, text
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.analysis.verdict import DAMPED
 from facts_damping.output import tables
-from facts_damping_studies.pages import save
-from facts_damping_studies.sweeps.results import cell, worst
+from facts_damping_studies.pages import headline, legend, save
+from facts_damping_studies.sweeps.control_outcomes import TRIPPED, marks
+from facts_damping_studies.sweeps.results import cell, shortcomings, worst
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -25,7 +27,10 @@ if TYPE_CHECKING:
 
     RowId = tuple[str, ...]  # identifies a row
 
+NOTES, NOTHING = "notes", "-"  # last column of a table of figures, and its text if nothing is to be said
 FAILED = "error"  # in place of a failed run's verdict
+MAX_ACROSS = 6  # entries of the legend side by side
+DECADE = 10.0  # values within it have a linear axis, whose labels do not overlap
 MARKERS = ("o", "s", "^", "v", "D", "P")
 
 
@@ -35,24 +40,57 @@ def figure_tables(rows: Sequence[SweepRow], asked: Tables) -> list[str]:
     for place in dict.fromkeys(row.place for row in rows):
         place_rows = [row for row in rows if row.place == place]
         lines += [f"### {', '.join(place)}", ""]
+        grouped: dict[tuple[RowId, str], list[SweepRow]] = {}
+        for row in place_rows:
+            grouped.setdefault((_row_id(row, asked), _column(row, asked)), []).append(row)
         if asked.across is None:
-            texts = {
-                (_row_id(row, asked), figure): _alone(row, figure) for row in place_rows for figure in asked.figures
-            }
-            lines += _table(asked, asked.figures, texts)
+            lines += _side_by_side(asked, grouped)
             continue
-        columns = list(dict.fromkeys(cell(row.columns[asked.across]) for row in place_rows))
+        columns = list(dict.fromkeys(column for _, column in grouped))
         for figure in asked.figures:
-            grouped: dict[tuple[RowId, str], list[SweepRow]] = {}
-            for row in place_rows:
-                grouped.setdefault((_row_id(row, asked), cell(row.columns[asked.across])), []).append(row)
             texts = {place: _among(runs, figure) for place, runs in grouped.items()}
             lines += [f"{figure}:", "", *_table(asked, columns, texts)]
     return lines
 
 
+def _side_by_side(asked: Tables, grouped: Mapping[tuple[RowId, str], Sequence[SweepRow]]) -> list[str]:
+    """A table with all figures, and a last column for runs that did not do what was asked, if there are any."""
+    texts: dict[tuple[RowId, str], str] = {}
+    for (who, _), runs in grouped.items():
+        texts |= {(who, figure): _together(runs, figure) for figure in asked.figures}
+        texts[who, NOTES] = _notes(runs)
+    noted = any(texts[who, NOTES] != NOTHING for who, _ in grouped)
+    return _table(asked, [*asked.figures, *([NOTES] if noted else [])], texts)
+
+
+def _together(runs: Sequence[SweepRow], figure: str) -> str:
+    """A figure beside others of its runs: the median of numbers, else each text with the number of its runs."""
+    texts = [_alone(row, figure) for row in runs]
+    if len(set(texts)) == 1 or not any(isinstance(row.cells.get(figure), str | bool) for row in runs):
+        return texts[0] if len(runs) == 1 else _figure(runs, figure)
+    return _counts(texts, len(runs))
+
+
+def _notes(runs: Sequence[SweepRow]) -> str:
+    """What kept runs from doing what was asked, with the monitors that tripped first."""
+    odd = [mark for row in runs for mark in marks(row)]
+    odd += [FAILED if row.figures is None else str(row.figures.instability) for row in runs if not row.stable]
+    causes = dict.fromkeys(row.first_trip.cause for row in runs if row.first_trip is not None)
+    by = f"{TRIPPED} by {' or '.join(causes)}"
+    return _counts([by if mark == TRIPPED and causes else mark for mark in odd], len(runs)) or NOTHING
+
+
+def _counts(words: Sequence[str], runs: int) -> str:
+    """Words, each with the number of the runs that have it, if there are several runs."""
+    return ", ".join(f"{count} of {runs} {word}" if runs > 1 else word for word, count in Counter(words).items())
+
+
 def plot(rows: Sequence[SweepRow], asked: Tables, folder: Path) -> list[Path]:
-    """Draw figures.png: the first numeric figure, a panel per place, a mark per value of `across`."""
+    """Draw figures.png: the first numeric figure, a panel per place, a mark per value of `across`.
+
+    Runs whose controller was tripped, was never armed or was at its limits have a cross; the title says which runs are
+    left out.
+    """
     sound = [row for row in rows if row.stable and not row.unsure]
     numbers = (name for name in asked.figures if any(type(row.cells.get(name)) is float for row in sound))
     figure = next(numbers, None)
@@ -70,13 +108,35 @@ def plot(rows: Sequence[SweepRow], asked: Tables, folder: Path) -> list[Path]:
             known = [pair for pair in values if pair[0] is not None]
             style = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "ls": "", "alpha": 0.85}
             axis.plot(*np.array(known).reshape(-1, 2).T, ms=5, label=column, **style)
-        axis.set(xscale="log", xlabel=figure, title=", ".join(place))
+        crossed = [row for row in sound if row.place == place and marks(row) and row.cells.get(figure) is not None]
+        at = [row.cells[figure] for row in crossed], [whos.index(_row_id(row, asked)) for row in crossed]
+        axis.plot(
+            *at,
+            "x",
+            color="black",
+            ms=9,
+            label=" or ".join(dict.fromkeys(mark for row in crossed for mark in marks(row))),
+        )
+        axis.set(xlabel=figure, title=", ".join(place))
+        _scale(axis)
         axis.grid(visible=True, axis="both", lw=0.3)
     axes[0, 0].set_yticks(range(len(whos)), [" ".join(who).strip() for who in whos])
     axes[0, 0].invert_yaxis()
-    if asked.across is not None:
-        picture.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(columns))
+    legend(picture, loc="outside lower center", ncols=1 if asked.across is None else min(len(columns), MAX_ACROSS))
+    lost = sum(row.figures is not None and not row.stable for row in rows)
+    left_out = [f"{lost} runs lose synchronism: left out"] if lost else []
+    headline(picture, [*shortcomings(rows, hints=False), *left_out])
     return [save(picture, folder / "figures.png")]
+
+
+def _scale(axis: Any) -> None:
+    """A logarithmic axis with a label per decade, or a linear one for values within a decade."""
+    low, high = axis.dataLim.intervalx
+    if low > 0.0 and high > DECADE * low:
+        axis.set_xscale("log")
+        axis.xaxis.set_minor_formatter(NullFormatter())
+    else:
+        axis.xaxis.set_major_locator(MaxNLocator(4))
 
 
 def _column(row: SweepRow, asked: Tables) -> str:
@@ -133,10 +193,8 @@ def _among(runs: Sequence[SweepRow], figure: str) -> str:
         FAILED if row.figures is None else row.figures.verdict if row.stable else row.figures.instability or FAILED
         for row in runs
     ]
-    odd = Counter(word for word in words if word != DAMPED)
+    odd = [*(word for word in words if word != DAMPED), *(mark for row in runs for mark in marks(row))]
     sound = [row for row in runs if row.stable]
     if not sound:
-        return max(odd, key=lambda word: odd[word])
-    if len(runs) == 1:
-        return _figure(sound, figure) + ("" if not odd else f" ({words[0]})")
-    return _figure(runs, figure) + "".join(f" ({count} of {len(runs)} {word})" for word, count in odd.items())
+        return max(words, key=words.count)
+    return _figure(runs, figure) + (f" ({_counts(odd, len(runs))})" if odd else "")

@@ -17,12 +17,13 @@ from pyarrow import csv
 
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.output.picture_files import save_picture
-from facts_damping.output.tables import as_csv, table
+from facts_damping.output.tables import table
 from facts_damping.output.writing import write_whole
 from facts_damping_reproduction.adaptation.decide import Ratio
 from facts_damping_reproduction.pdci import study
 from facts_damping_reproduction.templates import render
 from facts_damping_studies.campaigns.invariants import HARM
+from facts_damping_studies.pages import as_csv
 from facts_damping_studies.score.card import NONE
 
 if TYPE_CHECKING:

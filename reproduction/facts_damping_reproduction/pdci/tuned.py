@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.output.tables import as_csv
 from facts_damping.output.writing import write_whole
 from facts_damping.simulation import loop
 from facts_damping_reproduction.adaptation import decide
@@ -23,6 +22,7 @@ from facts_damping_reproduction.adaptation.arms import Space, space
 from facts_damping_reproduction.adaptation.experiment import evolve, index, kept, outcome
 from facts_damping_reproduction.pdci import study
 from facts_damping_reproduction.score_cases import number, scaled
+from facts_damping_studies.pages import as_csv
 from facts_damping_studies.score.card import NONE, log_ratio
 
 if TYPE_CHECKING:
