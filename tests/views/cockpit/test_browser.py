@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES
@@ -218,8 +219,16 @@ def test_page_shows_what_is_not_well_and_forgets_answers_of_another_state() -> N
             thread.soon(cockpit.event, event | story.shown())
         state = {"run": "running", "nodes": {}, "states": {}, "wrong": story.wrong(), "modes": [], "counts": {}}
         thread.soon(cockpit.status, state | story.shown())
-        thread.soon(cockpit.frame, frame)
-        page.wait_for_selector(wait, state="attached")
+        drawn(wait)
+
+    def drawn(wait: str) -> None:
+        """Send frames, as a graph does, until the page has drawn something."""
+        for _ in range(300):
+            thread.soon(cockpit.frame, frame)
+            page.wait_for_timeout(100)
+            if page.locator(wait).count():
+                return
+        pytest.fail(f"the page has no {wait}")
 
     with serving(cockpit) as (served, thread), sync_playwright() as driver:
         started = driver.chromium.launch(executable_path=CHROMIUM, args=START)
@@ -230,19 +239,18 @@ def test_page_shows_what_is_not_well_and_forgets_answers_of_another_state() -> N
         tell(story.on_devices(2.0, ["sssc"]), ".device.released")
         for _ in range(2):
             page.wait_for_selector("#run.unwell:has-text('running, sssc released')")
-            page.wait_for_selector(".label.released:has-text('sssc released')", state="attached")
+            drawn(".label.released:has-text('sssc released')")
             log = page.locator("[data-part='log']").inner_text()
             assert ("added delay 7 ms" not in log, "added delay 8 ms" in log) == (True, True)
             assert page.evaluate("document.documentElement.scrollWidth") <= 400
             page.reload()
             page.wait_for_selector("#run:has-text('running')")
-            thread.soon(cockpit.frame, frame)
         button = page.locator("[data-control$='/arm']").first
         button.evaluate("node => node.click()")
         page.wait_for_selector(f"output:has-text('{refusal}')", state="attached")
         tell(story.on_devices(3.0, []), "#run.running")
         page.wait_for_selector(f"output:has-text('{refusal}')", state="detached")
-        assert page.locator(".device.released").count() == 0
+        drawn("svg:not(:has(.device.released)) .device")
         started.close()
 
 
