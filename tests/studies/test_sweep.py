@@ -21,6 +21,7 @@ import pytest
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.errors import InputError
 from facts_damping.output.terminal import Progress
 from facts_damping.parameters import files
 from facts_damping.parameters.files import shipped
@@ -370,6 +371,7 @@ def goes_on(path: Path, out: Path) -> None:
 WAITING = """
 import sys, time
 from facts_damping.cli.main import main
+from facts_damping.errors import InputError
 from tests.studies.test_sweep import at_strike
 import pytest
 
