@@ -48,7 +48,7 @@ endif
 .PHONY: demo test test-fast coverage lint explore storm site pages wheel setup test-setup prerequisites clean
 
 demo: setup
-	@$(BIN)/python -m facts_damping.cli.demo
+	@$(BIN)/python -m facts_damping_views.demo
 
 # A test more at once than there are processors: those with graphs mostly wait. mypy goes beside them, and tells at the
 # end. Types are those of Kilted's rclpy: that of Jazzy has few.

@@ -188,3 +188,12 @@ def test_run_files_of_examples_are_runs() -> None:
     assert names == ["lead_lag.yaml", "lead_lag_node.yaml", "trained_damper.yaml"]
     for name in names:
         assert load_case(str(ROOT / "examples" / name)).run.link == "pdci"
+
+
+def test_policies_of_the_baseline_meet_the_same_episodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    baseline = runpy.run_path(str(ROOT / "examples" / "gym_baselines.py"))["baseline"]
+    rows = baseline("two_area", tmp_path, generations=1, episodes=4)
+    total = {name: returns for name, (returns, synchronous) in rows.items() if synchronous.all()}
+    assert len(total) == 3
+    assert (total["tuned lead-lag"] > total["no control"]).all()

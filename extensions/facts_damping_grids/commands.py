@@ -34,8 +34,8 @@ def import_(arguments: argparse.Namespace) -> None:
     elif arguments.inverters is not None:
         raise InputError(f"--inverters {arguments.inverters}: given with {case.name}; allowed: with a RAW file")
     elif case.suffix != ".m":
-        given = f"a file of format '{case.suffix}' given" if case.is_file() else "no such file"
-        raise InputError(f"{case}: {given}; allowed: a MATPOWER case (.m) or a PSS/E case (.raw)")
+        problem = f"a file of format '{case.suffix}' given" if case.is_file() else "no such file"
+        raise InputError(f"{case}: {problem}; allowed: a MATPOWER case (.m) or a PSS/E case (.raw)")
     else:
         imported = matpower_reading.import_case(case, None if arguments.dynamics is None else Path(arguments.dynamics))
     more = arguments.dynamics or arguments.dyr

@@ -21,7 +21,7 @@ from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
 from facts_damping.simulation.loop import build_loop
 from facts_damping.simulation.programs.policies import check
-from facts_damping_gym.many import AgentInputs, Episodes, Told, step_many
+from facts_damping_gym.many import AgentInputs, Episodes, Information, step_many
 from facts_damping_studies.sweeps import sweep
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ class Episode:
             scale=scale,
             weights=self.weights[None],
             deviations=deviations[None],
-            told=told_at_start(1, places_of(case, c), [supervisor_of(case, c)]),
+            information=first_information(1, places_of(case, c), [supervisor_of(case, c)]),
         )
         self._go_on()
 
@@ -138,9 +138,9 @@ class Episode:
         check(self.loop.programs)
 
     @property
-    def told(self) -> Told:
+    def information(self) -> Information:
         """What the information of the newest tick tells."""
-        return self._alone.told
+        return self._alone.information
 
     @property
     def lost(self) -> bool:
@@ -157,11 +157,11 @@ class Episode:
         return loop.record(self.case, self.loop)
 
 
-def told_at_start(episodes: int, places: list[int], supervisors: list[int]) -> Told:
+def first_information(episodes: int, places: list[int], supervisors: list[int]) -> Information:
     """What the information of episodes tells, at their start."""
     zeros, tripped = np.zeros(episodes), np.zeros(episodes, np.bool_)
     setpoints = np.zeros((episodes, len(places)))
-    return Told(np.array(places), np.array(supervisors), zeros, zeros.copy(), setpoints, tripped)
+    return Information(np.array(places), np.array(supervisors), zeros, zeros.copy(), setpoints, tripped)
 
 
 def places_of(case: Case, c: int) -> list[int]:

@@ -69,7 +69,7 @@ def observe(
             deviations[d] += weights[d, m] * machines[m].speed_deviation
 
 
-class Told(Struct):
+class Information(Struct):
     """What the information of a step tells; the first axis of all but `places` is the episode."""
 
     places: Int1  # indices of the agent's devices
@@ -95,23 +95,23 @@ class Episodes(Struct):
     scale: Float1
     weights: Float3  # (episodes, differences, machines)
     deviations: Float2  # (episodes, differences)
-    told: Told
+    information: Information
 
 
 @compiled
-def tell(told: Told, e: int, loop: Loop, tick: int, deviations: NDArray[np.float64]) -> None:
+def tell(information: Information, e: int, loop: Loop, tick: int, deviations: NDArray[np.float64]) -> None:
     """Write what the information of a tick tells; ITAE by the trapezoidal rule."""
     time_ns, devices = loop.signals.time_ns, loop.signals.devices
-    before, integrand = told.integrand[e], 0.0
+    before, integrand = information.integrand[e], 0.0
     for deviation in deviations:
         integrand += abs(deviation)
-    told.integrand[e] = integrand * (time_ns[tick] / 1e9)
+    information.integrand[e] = integrand * (time_ns[tick] / 1e9)
     if tick > 0:
-        told.itae[e] += (time_ns[tick] - time_ns[tick - 1]) / 1e9 * (before + told.integrand[e]) / 2
-    for d in range(told.places.size):
-        told.setpoints[e, d] = devices[tick, told.places[d]].setpoint
-    s = told.supervisors[e]
-    told.tripped[e] = s >= 0 and loop.control.supervisor_state.rows[s].state == TRIPPED
+        information.itae[e] += (time_ns[tick] - time_ns[tick - 1]) / 1e9 * (before + information.integrand[e]) / 2
+    for d in range(information.places.size):
+        information.setpoints[e, d] = devices[tick, information.places[d]].setpoint
+    s = information.supervisors[e]
+    information.tripped[e] = s >= 0 and loop.control.supervisor_state.rows[s].state == TRIPPED
 
 
 @entry_point
@@ -132,4 +132,4 @@ def step_many(all_of: Episodes, first: int, stride: int) -> None:
         rows = links.up.out[link, : links.up.ring[link, RING_DELIVERED]]
         window, weights, deviations = all_of.windows[e], all_of.weights[e], all_of.deviations[e]
         observe(eyes, rows, end_ns, window, all_of.scale, weights, signals.machines[tick], deviations)
-        tell(all_of.told, e, loop, tick, deviations)
+        tell(all_of.information, e, loop, tick, deviations)

@@ -104,9 +104,13 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
         return self._window.copy(), self._information()
 
     def _information(self) -> dict[str, Any]:
-        told, lost = self.episode.told, self.episode.lost
-        so_far = {"ITAE": float(told.itae[0]), "in_synchronism": not lost, "tripped": bool(told.tripped[0])}
-        return {**self._drawn, **so_far, "setpoint": told.setpoints[0].copy()}
+        information, lost = self.episode.information, self.episode.lost
+        so_far = {
+            "ITAE": float(information.itae[0]),
+            "in_synchronism": not lost,
+            "tripped": bool(information.tripped[0]),
+        }
+        return {**self._drawn, **so_far, "setpoint": information.setpoints[0].copy()}
 
     def step(self, action: NDArray[Any]) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Answer the newest tick, and go on to the next one."""

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from facts_damping.compiling.structs import Table
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.programs.policies import check
-from facts_damping_gym.episodes import checked, places_of, told_at_start
+from facts_damping_gym.episodes import checked, first_information, places_of
 from facts_damping_gym.many import Episodes, step_many
 from facts_damping_gym.single import Setting
 
@@ -55,7 +55,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         self._deviations = np.zeros((num_envs, len(self._setting.weights)))
         self._points, self._seeds = np.zeros((2, num_envs), np.int64)
         places = places_of(self._setting.source.first, self._setting.controller)
-        self._told, self._each = told_at_start(num_envs, places, [-1] * num_envs), np.ones(num_envs, np.bool_)
+        self._present, self._each = first_information(num_envs, places, [-1] * num_envs), np.ones(num_envs, np.bool_)
         self._all: Episodes | None = None
         self._threads = min(threads or os.cpu_count() or 1, num_envs)
         self._pool = ThreadPoolExecutor(self._threads)
@@ -74,9 +74,9 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
 
     def _information(self) -> dict[str, Any]:
         """That of each episode, along a leading axis, without fields of a study; with Gymnasium's masks."""
-        told = self._told
-        present = {"point": self._points, "seed": self._seeds, "ITAE": told.itae, "in_synchronism": ~self._lost}
-        present |= {"tripped": told.tripped, "setpoint": told.setpoints}
+        information = self._present
+        present = {"point": self._points, "seed": self._seeds, "ITAE": information.itae, "in_synchronism": ~self._lost}
+        present |= {"tripped": information.tripped, "setpoint": information.setpoints}
         return {name: values.copy() for name, values in present.items()} | {f"_{name}": self._each for name in present}
 
     def _begin(self, i: int, options: dict[str, Any] | None = None) -> Episode:
@@ -86,7 +86,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         self._limits[i], self._weights[i] = episode.limits, episode.weights
         self._points[i], self._seeds[i] = drawn["point"], drawn["seed"]
         for name in ("supervisors", "itae", "integrand", "setpoints", "tripped"):
-            getattr(self._told, name)[i] = getattr(episode.told, name)[0]
+            getattr(self._present, name)[i] = getattr(episode.information, name)[0]
         return episode
 
     def step(
@@ -115,7 +115,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
                 Table([episode.eyes for episode in self._episodes]),
             )
             states = self._waits, self._ticks, self._time_ns, self._lost, self._setting.controller, self._setpoints
-            seen = self._windows, self._setting.scale, self._weights, self._deviations, self._told
+            seen = self._windows, self._setting.scale, self._weights, self._deviations, self._present
             parts: tuple[Any, ...] = (*tables, *states, *seen)
             self._all = Episodes(*parts)
         all_of = self._all

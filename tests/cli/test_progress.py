@@ -68,9 +68,9 @@ def test_pipe_gets_no_such_line() -> None:
 
 def test_run_in_this_process_tells_its_ticks_and_keeps_its_bits() -> None:
     case = load_case("two_area_small", ["duration=1"])
-    told = list[tuple[int, int]]()
-    record = loop.finish(case, loop.build_loop(case), lambda done, of: told.append((done, of)))
-    assert told == [(done, 60) for done in range(12, 61, 12)]
+    shown = list[tuple[int, int]]()
+    record = loop.finish(case, loop.build_loop(case), lambda done, of: shown.append((done, of)))
+    assert shown == [(done, 60) for done in range(12, 61, 12)]
     assert digest(record) == digest(loop.run(case))
 
 

@@ -281,20 +281,20 @@ def test_many_at_once_are_those_by_themselves_bit_for_bit(study: str, threads: i
         [WideAreaDamping(study=study) for _ in range(5)],
     )
     seen, infos = many.reset(seed=11)
-    alone, told = (list(row) for row in zip(*(env.reset(seed=11 + i) for i, env in enumerate(ones)), strict=True))
+    alone, ones_infos = (list(row) for row in zip(*(env.reset(seed=11 + i) for i, env in enumerate(ones)), strict=True))
     ended = [False] * 5
     assert np.array_equal(seen, np.array(alone))
     for _ in range(200):
         actions = law(seen)
-        for i, info in enumerate(told):
+        for i, info in enumerate(ones_infos):
             assert all(np.array_equal(infos[name][i], info[name]) for name in ALL_INFORMATION)
         seen, rewards, lost, over, infos = many.step(actions)
         for i, env in enumerate(ones):
             if ended[i]:
-                (alone[i], told[i]), ended[i] = env.reset(), False
+                (alone[i], ones_infos[i]), ended[i] = env.reset(), False
                 assert (rewards[i], lost[i], over[i]) == (0.0, False, False)
                 continue
-            alone[i], reward, terminated, truncated, told[i] = env.step(actions[i])
+            alone[i], reward, terminated, truncated, ones_infos[i] = env.step(actions[i])
             ended[i] = terminated or truncated
             assert (rewards[i], lost[i], over[i]) == (pytest.approx(reward, rel=1e-12), terminated, truncated)
         assert np.array_equal(seen, np.array(alone))

@@ -419,6 +419,7 @@ def goes_on(path: Path, out: Path) -> None:
 WAITING = """
 import sys, time
 from facts_damping.cli.main import main
+from facts_damping.errors import InputError
 from tests.studies.test_sweep import at_strike
 import pytest
 

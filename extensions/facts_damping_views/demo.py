@@ -56,7 +56,7 @@ def _newest(folder: Path) -> Path:
 
 
 def main() -> int:
-    """Entry point of `python -m facts_damping.cli.demo`."""
+    """Entry point of `python -m facts_damping_views.demo`."""
     folder = Path("results") / f"demo-{time.strftime('%Y%m%d-%H%M%S')}"
     with interruption.handled():
         try:
@@ -65,7 +65,7 @@ def main() -> int:
             note(f"demo: {one_line(error)}")
             return 1
         except KeyboardInterrupt:
-            note("demo: interrupted")
+            note(f"demo: {interruption.text()}")
             return interruption.status()
     return 0
 
