@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from facts_damping.analysis.run_warnings import NOT_TUNED, untuned
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
 from facts_damping.cli.reporting import detailed, page, run_result, say
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
+    from facts_damping.case.model import Case
     from facts_damping_studies.campaigns.campaign import CampaignPlan
     from facts_damping_studies.campaigns.draw_rows import DrawRow
     from facts_damping_studies.sweeps.sweep import SweepPlan
@@ -63,6 +65,7 @@ def tune(arguments: argparse.Namespace) -> None:
     for row in tuned.controllers:
         say(arguments, f"{row.name:<10} {row.scheme or '':<9} objective {row.objective:g}")
     say(arguments, text if arguments.out is None else f"parameters: {arguments.out}")
+    say(arguments, "" if arguments.out is None else f"runs with them: --set tuning={arguments.out}")
 
 
 def design(arguments: argparse.Namespace) -> None:
@@ -150,6 +153,9 @@ def sweep(arguments: argparse.Namespace) -> None:
     }  # fmt: skip
     write_json(arguments.json, {name: [row.cells for row in part] for name, part in parts.items()})
     say(arguments, *results.sweep_tables(rows, margins, fractions, across), "", *figures)
+    warnings = [row.figures.warnings.split("; ") for row in rows if row.figures and row.figures.warnings]
+    not_tuned = (line for lines in warnings for line in lines if NOT_TUNED in line)
+    say(arguments, *dict.fromkeys(f"warning: {line}" for line in not_tuned))
     if asked:
         write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
         say(arguments, f"tables: {folder / 'tables.md'}")
@@ -269,6 +275,8 @@ def score(arguments: argparse.Namespace) -> None:
     if arguments.controller is not None:
         say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
     say(arguments, *pages.ranking_table(ranked))
+    for rows in entrants.values():
+        say(arguments, *_warnings(card.case_of(case_set, rows, 0)))
     if folder is not None:
         single = arguments.controller is not None
         paths = pages.write(case_set, cards, folder) if single else pages.write_ranking(ranked, folder)
@@ -294,4 +302,9 @@ def margin(arguments: argparse.Namespace) -> None:
             pages.plot_loops(loop_margin, folder / "one_line.png"),
         ]
     write_json(arguments.json, pages.document(loop_margin, runs))
-    say(arguments, *pages.margin_text(loop_margin, runs), *(f"plot: {path}" for path in pictures))
+    say(arguments, *pages.margin_text(loop_margin, runs), *_warnings(case), *(f"plot: {path}" for path in pictures))
+
+
+def _warnings(case: Case) -> list[str]:
+    """Lines about controllers that are not tuned for the system of a case."""
+    return [f"warning: {line}" for line in untuned(case.document())]

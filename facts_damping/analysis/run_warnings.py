@@ -16,6 +16,7 @@ from facts_damping.analysis.supervision import cause_text
 from facts_damping.devices.base import Series, Transmission
 from facts_damping.devices.table import MODELS
 from facts_damping.monitor_table import ARMED, STATES
+from facts_damping.parameters.files import shipped
 from facts_damping.signals import CHANNELS, NANOSECONDS
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ VOLTAGE = (0.7, 1.2)  # p.u., at machines and PMUs outside of faults
 LATE_S = 2.0  # s; a longer mean latency suggests a mistake of units
 MOSTLY = 0.5  # fraction of the frames
 DRIFT = 0.5  # Hz, change of the machines' common frequency from start to end, without governors or an infinite bus
-NEVER_ARMED = "never armed"
+NEVER_ARMED, NOT_TUNED = "never armed", "is not tuned for"
 VOLTAGE_CHANNEL = list(CHANNELS).index("voltage_magnitude")
 
 
@@ -177,7 +178,32 @@ def controller_warnings(
     late = [f"latency {mean / 1e3:.1f} s on average, more than {LATE_S:g}"] if mean >= 1e3 * LATE_S else []
     limits = {device: f"{100 * fraction:.0f} % of the time" for device, fraction in duty.items() if fraction > MOSTLY}
     limited = [f"{device} was at its limit {text}" for device, text in limits.items()]
-    return [*_not_armed(record, histories), *_without_effect(record), *late, *limited]
+    return [*_not_armed(record, histories), *_without_effect(record), *late, *limited, *untuned(record.configuration)]
+
+
+def untuned(run: Mapping[str, Any]) -> list[str]:
+    """A line for each shipped controller of a stored run with default parameters that are of other systems.
+
+    It names a command that tunes the controller, if the run's system and a scenario for it are files.
+    """
+    asked, name = run.get("asked") or run, inline_system(run).get("name", "")
+    system, scenario, lines = asked.get("system"), asked.get("scenario"), dict[str, None]()
+    if not isinstance(system, str):
+        system = asked.get("system_file") or (name if name in shipped("systems") else None)
+    trained = f"{name}/training" in shipped("scenarios")
+    more = [f"--profile {asked['profile']}"] if asked.get("profile") else []
+    more += [] if trained else [f"--scenario {scenario}"]
+    for c, row in enumerate(run.get("controllers") or ()):
+        signals, devices = ",".join(row["signals"]), ",".join(row["devices"])
+        line = f"{row['name']} {NOT_TUNED} {name} with {signals} and {devices}"
+        if system and (trained or isinstance(scenario, str)):
+            tunable = "LLC-tuned" if row["name"] == "LLC" else row["name"]
+            ports = f"--devices {devices} --signals {signals}"
+            command = " ".join(["facts-damping tune", system, tunable, ports, *more, "--out tuned.yaml"])
+            renamed = f" --set controllers.{c}.name={tunable}" if row["name"] == "LLC" else ""
+            line += f": `{command}`, then `--set tuning=tuned.yaml{renamed}`"
+        lines.update({line: None} if row.get("untuned") else {})
+    return list(lines)
 
 
 def _not_armed(record: Record, histories: Sequence[SupervisorHistory]) -> Iterator[str]:
