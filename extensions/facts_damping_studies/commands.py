@@ -74,7 +74,8 @@ def design(arguments: argparse.Namespace) -> None:
     from facts_damping_studies.design import design_pages as pages
 
     names = ("system", "set", "damping", "delay", "mode", "place", "signal")
-    task = study.Task(*(getattr(arguments, name) for name in names))._replace(kinds=arguments.kinds.split(","))
+    task = study.Task(*(getattr(arguments, name) for name in names))
+    task = task._replace(kinds=arguments.kinds.split(","), profile=arguments.profile)
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     system_path = Path(arguments.system)
     if folder is not None and system_path.exists() and system_path.resolve() == (folder / "system.yaml").resolve():
@@ -87,17 +88,20 @@ def design(arguments: argparse.Namespace) -> None:
         shown[:] = [Progress(name, what)]
         return shown[0]
 
+    clean_up_first("nothing is written: `design` writes its files at its end")
     try:
-        ranked_design = study.design(task, arguments.jobs, tell)
+        ranking = study.ranked(task, arguments.jobs, tell)
+        say(arguments, *pages.ranking_text(ranking))
+        completed = study.completed(ranking, tell)
     finally:
         for progress in shown:
             progress.close()
     written = []
     if folder is not None:
-        written = [*pages.write(ranked_design, folder), pages.plot(ranked_design, folder / "places.png")]
-        write_json(str(folder / "result.json"), pages.document(ranked_design))
-    write_json(arguments.json, pages.document(ranked_design))
-    say(arguments, *pages.text(ranked_design), *(f"written: {path}" for path in written))
+        written = [*pages.write(completed, folder), pages.plot(completed, folder / "places.png")]
+        write_json(str(folder / "result.json"), pages.document(completed))
+    write_json(arguments.json, pages.document(completed))
+    say(arguments, *pages.design_text(completed), *(f"written: {path}" for path in written))
 
 
 def search(arguments: argparse.Namespace) -> None:
