@@ -186,23 +186,23 @@ def untuned(run: Mapping[str, Any]) -> list[str]:
 
     It names a command that tunes the controller, if the run's system and a scenario for it are files.
     """
-    asked, name = run.get("asked") or run, inline_system(run).get("name", "")
-    system, scenario, lines = asked.get("system"), asked.get("scenario"), dict[str, None]()
-    if not isinstance(system, str):
-        system = asked.get("system_file") or (name if name in shipped("systems") else None)
+    asked, name, lines = run.get("asked") or run, inline_system(run).get("name", ""), dict[str, None]()
+    file, scenario = asked.get("system"), asked.get("scenario")
+    if not isinstance(file, str):
+        file = asked.get("system_file") or (name if name in shipped("systems") else None)
     trained = f"{name}/training" in shipped("scenarios")
-    more = [f"--profile {asked['profile']}"] if asked.get("profile") else []
-    more += [] if trained else [f"--scenario {scenario}"]
+    more = f" --profile {asked['profile']}" if asked.get("profile") else ""
+    more += "" if trained else f" --scenario {scenario}"
     for c, row in enumerate(run.get("controllers") or ()):
-        signals, devices = ",".join(row["signals"]), ",".join(row["devices"])
-        line = f"{row['name']} {NOT_TUNED} {name} with {signals} and {devices}"
-        if system and (trained or isinstance(scenario, str)):
-            tunable = "LLC-tuned" if row["name"] == "LLC" else row["name"]
-            ports = f"--devices {devices} --signals {signals}"
-            command = " ".join(["facts-damping tune", system, tunable, ports, *more, "--out tuned.yaml"])
-            renamed = f" --set controllers.{c}.name={tunable}" if row["name"] == "LLC" else ""
-            line += f": `{command}`, then `--set tuning=tuned.yaml{renamed}`"
-        lines.update({line: None} if row.get("untuned") else {})
+        if row.get("untuned"):
+            signals, devices = ",".join(row["signals"]), ",".join(row["devices"])
+            tunable, set_name = row["name"], ""
+            if tunable == "LLC":
+                tunable, set_name = "LLC-tuned", f" --set controllers.{c}.name=LLC-tuned"
+            command = f"facts-damping tune {file} {tunable} --devices {devices} --signals {signals}{more}"
+            how = f": `{command} --out tuned.yaml`, then `--set tuning=tuned.yaml{set_name}`"
+            known = file and (trained or isinstance(scenario, str))
+            lines[f"{row['name']} {NOT_TUNED} {name} with {signals} and {devices}{how if known else ''}"] = None
     return list(lines)
 
 

@@ -8,16 +8,12 @@ import numpy as np
 
 from facts_damping.elementary import log
 from facts_damping.neurofuzzy.learning import RATES
-from facts_damping.neurofuzzy.table import (
-    IDENTIFIERS,
-)
+from facts_damping.neurofuzzy.table import IDENTIFIERS
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
 
-
 OFF_ON = ("off", "on")
-
 
 MAX_AHEAD = 60  # most frames that an identifier may predict ahead
 
@@ -98,16 +94,10 @@ LOOP_DELAY = Parameter(
     live=False,
 )
 
-
 # For `compensation` (control/compensation.py); without it they have no effect.
 COMPENSATION_PARAMETERS = {
     "mode_hz": Parameter(
-        0.0,
-        "Hz",
-        0.0,
-        10.0,
-        "frequency that is compensated; 0: that of the least damped mode",
-        live=False,
+        0.0, "Hz", 0.0, 10.0, "frequency that is compensated; 0: that of the least damped mode", live=False
     ),
     "down_delay": Parameter(
         -1.0, "s", -1.0, 10.0, "delay from controller to actuation; -1: mean of the link, dead time", live=False
@@ -115,7 +105,6 @@ COMPENSATION_PARAMETERS = {
     "latency_filter": Parameter(0.5, "s", 0.0, 100.0, "time constant of the filter of the measured latency"),
     "phasor_rate": Parameter(4.0, "1/s", 0.01, 100.0, "forgetting rate of the phasor"),
 }
-
 
 LEAD_LAG_PARAMETERS = {
     "gain": Parameter(
@@ -134,7 +123,6 @@ LEAD_LAG_PARAMETERS = {
     ),
     **COMPENSATION_PARAMETERS,
 }
-
 
 # small_signal/lqg.py designs the matrices from these at the start.
 LQG_PARAMETERS = {
@@ -160,7 +148,6 @@ LQG_PARAMETERS = {
     "loop_delay": LOOP_DELAY,
 }
 
-
 # small_signal/loop_shaping.py designs the matrices from these at the start.
 LOOP_SHAPING_PARAMETERS = {
     "gain": LEAD_LAG_PARAMETERS["gain"]._replace(live=False, description="gain of the shaped plant"),
@@ -176,7 +163,6 @@ LOOP_SHAPING_PARAMETERS = {
     ),
     "loop_delay": LOOP_DELAY,
 }
-
 
 # Safety measures are off where the thesis has none; the profile `deployed` turns on those for safe adaptation.
 NEURO_FUZZY_PARAMETERS = {
@@ -209,12 +195,7 @@ NEURO_FUZZY_PARAMETERS = {
         "fixed", RATES, "learning rates: `eta`, or `eta` times half of the Lyapunov bound, jointly or by group"
     ),
     "eta": Parameter(
-        0.02,
-        "-",
-        0.0,
-        1e6,
-        "learning rate, or factor of the best Lyapunov rate",
-        search=powers(1e-4, 0.3),
+        0.02, "-", 0.0, 1e6, "learning rate, or factor of the best Lyapunov rate", search=powers(1e-4, 0.3)
     ),
     "momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the consequents", search=Range(0.0, 0.9)),
     "hbar": Parameter(0.1, "-", 0.0, 1e6, "penalty on effort", each="device", search=powers(0.001, 1.0)),
@@ -223,12 +204,7 @@ NEURO_FUZZY_PARAMETERS = {
         0.0, "-", 0.0, 10.0, "smaller errors, in units of `scale`, count as 0; 0: off", deployed=1e-3
     ),
     "leakage": Parameter(
-        0.0,
-        "1/frame",
-        0.0,
-        1.0,
-        "fraction by which parameters return to their start; 0: off",
-        search=powers(1e-5, 0.1),
+        0.0, "1/frame", 0.0, 1.0, "fraction by which parameters return to their start; 0: off", search=powers(1e-5, 0.1)
     ),
     "projection": _choice("off", OFF_ON, "on: parameters stay within their bounds", deployed="on"),
     "clip": Parameter(0.0, "-", 0.0, 1e3, "largest norm of a step of all parameters; 0: off", deployed=0.5),
@@ -250,19 +226,12 @@ NEURO_FUZZY_PARAMETERS = {
     "identifier_eta": Parameter(0.1, "-", 0.0, 100.0, "`eta` of the identifier", search=powers(0.001, 1.0)),
     "identifier_momentum": Parameter(0.0, "-", 0.0, 0.99, "`momentum` of the identifier"),
     "identifier_leakage": Parameter(
-        0.0,
-        "1/frame",
-        0.0,
-        1.0,
-        "`leakage` of the identifier",
-        deployed=1e-3,
-        search=powers(1e-4, 1.0),
+        0.0, "1/frame", 0.0, 1.0, "`leakage` of the identifier", deployed=1e-3, search=powers(1e-4, 1.0)
     ),
     "identifier_weight": _start(1.5, 0.2, 5.0, "initial weights of the identifier", search=Range(0.5, 4.0)),
     "loop_delay": LOOP_DELAY,
     **COMPENSATION_PARAMETERS,
 }
-
 
 # Renamed parameters: an error for the old name gives the new one.
 RENAMED = {"lag": "loop_delay", "effort": "control_weight", "noise": "measurement_noise"}

@@ -19,14 +19,7 @@ from facts_damping.control.parameter_tables import (
 from facts_damping.control.parameter_tables import powers as powers  # noqa: PLC0414 (for extensions of before)
 from facts_damping.errors import InputError, check_known
 from facts_damping.extensions import rows
-from facts_damping.neurofuzzy.table import (
-    ANTECEDENTS,
-    CONSEQUENTS,
-    MIMO_FORM,
-    VARIANTS,
-    Variant,
-    has_dilation,
-)
+from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, MIMO_FORM, VARIANTS, Variant, has_dilation
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -155,22 +155,20 @@ def modes_text(modal: Modal) -> Iterator[str]:
 
 def together(names: Sequence[str]) -> str:
     """A label of machines at one bus: their name, or what their names begin with and their number, `G6100 x3`."""
-    stem = names[0]
-    while not all(name.startswith(stem) for name in names):
-        stem = stem[:-1]
-    return stem if len(names) == 1 else f"{stem.rstrip('_-.') or names[0]} x{len(names)}"
+    stem = names[0].rpartition("_")[0]
+    alike = stem and all(name.startswith(f"{stem}_") for name in names)
+    return names[0] if len(names) == 1 else f"{stem if alike else names[0]} x{len(names)}"
 
 
 def in_parallel(shape: Mapping[str, complex], system: System) -> dict[str, complex]:
-    """A mode shape in which machines at one bus that move alike are one, by its label."""
-    alike: list[tuple[str, complex, list[str]]] = []  # bus, speed and names
-    for machine in system.machines:
-        value = shape[machine.name]
-        group = next((row for row in alike if row[0] == machine.bus and abs(row[1] - value) < ALIKE), None)
-        if group is None:
-            alike.append(group := (machine.bus, value, []))
-        group[2].append(machine.name)
-    return {together(names): value for _, value, names in alike}
+    """A mode shape in which the machines of a bus are one, by its label, if they move alike."""
+    merged = dict(shape)
+    for bus in dict.fromkeys(m.bus for m in system.machines):
+        names = [m.name for m in system.machines if m.bus == bus]
+        label, value = together(names), shape[names[0]]
+        if label not in merged and all(abs(shape[name] - value) < ALIKE for name in names):
+            merged = {name: merged[name] for name in merged if name not in names} | {label: value}
+    return merged
 
 
 def _participation(mode: eigenmodes.Eigenmode, system: System) -> list[tuple[str, float]]:
@@ -179,11 +177,13 @@ def _participation(mode: eigenmodes.Eigenmode, system: System) -> list[tuple[str
     for state in mode.participation:
         owner, _, rest = state.partition(".")
         groups.setdefault((buses.get(owner, owner), rest), []).append(owner)
-    sums = {
-        f"{together(owners)}.{rest}": sum(mode.participation[f"{owner}.{rest}"] for owner in owners)
-        for (_, rest), owners in groups.items()
-    }
-    return sorted(sums.items(), key=lambda item: -item[1])
+    return sorted(
+        (
+            (f"{together(owners)}.{rest}", sum(mode.participation[f"{owner}.{rest}"] for owner in owners))
+            for (_, rest), owners in groups.items()
+        ),
+        key=lambda item: -item[1],
+    )
 
 
 def shown_modes(modal: Modal) -> list[eigenmodes.Eigenmode]:
