@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from facts_damping.analysis.run_warnings import NOT_TUNED, untuned
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
 from facts_damping.cli.reporting import detailed, page, run_result, say
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
+    from facts_damping.case.model import Case
     from facts_damping_studies.campaigns.campaign import CampaignPlan
     from facts_damping_studies.campaigns.draw_rows import DrawRow
     from facts_damping_studies.sweeps.sweep import SweepPlan
@@ -63,6 +65,7 @@ def tune(arguments: argparse.Namespace) -> None:
     for row in tuned.controllers:
         say(arguments, f"{row.name:<10} {row.scheme or '':<9} objective {row.objective:g}")
     say(arguments, text if arguments.out is None else f"parameters: {arguments.out}")
+    say(arguments, "" if arguments.out is None else f"runs with them: --set tuning={arguments.out}")
 
 
 def design(arguments: argparse.Namespace) -> None:
@@ -71,7 +74,8 @@ def design(arguments: argparse.Namespace) -> None:
     from facts_damping_studies.design import design_pages as pages
 
     names = ("system", "set", "damping", "delay", "mode", "place", "signal")
-    task = study.Task(*(getattr(arguments, name) for name in names))._replace(kinds=arguments.kinds.split(","))
+    task = study.Task(*(getattr(arguments, name) for name in names))
+    task = task._replace(kinds=arguments.kinds.split(","), profile=arguments.profile)
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     system_path = Path(arguments.system)
     if folder is not None and system_path.exists() and system_path.resolve() == (folder / "system.yaml").resolve():
@@ -84,17 +88,20 @@ def design(arguments: argparse.Namespace) -> None:
         shown[:] = [Progress(name, what)]
         return shown[0]
 
+    clean_up_first("nothing is written: `design` writes its files at its end")
     try:
-        ranked_design = study.design(task, arguments.jobs, tell)
+        ranking = study.ranked(task, arguments.jobs, tell)
+        say(arguments, *pages.ranking_text(ranking))
+        completed = study.completed(ranking, tell)
     finally:
         for progress in shown:
             progress.close()
     written = []
     if folder is not None:
-        written = [*pages.write(ranked_design, folder), pages.plot(ranked_design, folder / "places.png")]
-        write_json(str(folder / "result.json"), pages.document(ranked_design))
-    write_json(arguments.json, pages.document(ranked_design))
-    say(arguments, *pages.text(ranked_design), *(f"written: {path}" for path in written))
+        written = [*pages.write(completed, folder), pages.plot(completed, folder / "places.png")]
+        write_json(str(folder / "result.json"), pages.document(completed))
+    write_json(arguments.json, pages.document(completed))
+    say(arguments, *pages.design_text(completed), *(f"written: {path}" for path in written))
 
 
 def search(arguments: argparse.Namespace) -> None:
@@ -150,6 +157,9 @@ def sweep(arguments: argparse.Namespace) -> None:
     }  # fmt: skip
     write_json(arguments.json, {name: [row.cells for row in part] for name, part in parts.items()})
     say(arguments, *results.sweep_tables(rows, margins, fractions, across), "", *figures)
+    warnings = [row.figures.warnings.split("; ") for row in rows if row.figures and row.figures.warnings]
+    not_tuned = (line for lines in warnings for line in lines if NOT_TUNED in line)
+    say(arguments, *dict.fromkeys(f"warning: {line}" for line in not_tuned))
     if asked:
         notes = [f"{line}." for line in results.shortcomings(rows)]
         head = [f"# {plan.name}", "", plan.study.description, "", *(part for line in notes for part in (line, ""))]
@@ -284,6 +294,8 @@ def score(arguments: argparse.Namespace) -> None:
     if arguments.controller is not None:
         say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
     say(arguments, *pages.ranking_table(ranked))
+    for rows in entrants.values():
+        say(arguments, *_warnings(card.case_of(case_set, rows, 0)))
     if folder is not None:
         single = arguments.controller is not None
         paths = pages.write(case_set, cards, folder) if single else pages.write_ranking(ranked, folder)
@@ -310,4 +322,10 @@ def margin(arguments: argparse.Namespace) -> None:
         ]
     write_json(arguments.json, pages.document(loop_margin, runs))
     alone = [] if case.supervision is None else ["without the run's supervisor, which may trip at shorter delays"]
-    say(arguments, *pages.margin_text(loop_margin, runs), *alone, *(f"plot: {path}" for path in pictures))
+    lines = [*pages.margin_text(loop_margin, runs), *alone, *_warnings(case)]
+    say(arguments, *lines, *(f"plot: {path}" for path in pictures))
+
+
+def _warnings(case: Case) -> list[str]:
+    """Lines about controllers that are not tuned for the system of a case."""
+    return [f"warning: {line}" for line in untuned(case.document())]

@@ -14,6 +14,7 @@ from facts_damping.analysis.grid_state import islands, states_of
 from facts_damping.analysis.measures import exactly_measured, inline_system
 from facts_damping.analysis.supervision import cause_text
 from facts_damping.monitor_table import ARMED, STATES
+from facts_damping.parameters.files import shipped
 from facts_damping.signals import CHANNELS, NANOSECONDS
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ VOLTAGE = (0.7, 1.2)  # p.u., at machines and PMUs outside of faults
 LATE_S = 2.0  # s; a longer mean latency suggests a mistake of units
 MOSTLY = 0.5  # fraction of the frames
 DRIFT = 0.5  # Hz, change of the machines' common frequency from start to end, without governors or an infinite bus
-NEVER_ARMED = "never armed"
+NEVER_ARMED, NOT_TUNED = "never armed", "is not tuned for"
 VOLTAGE_CHANNEL = list(CHANNELS).index("voltage_magnitude")
 
 
@@ -144,7 +145,32 @@ def controller_warnings(
     late = [f"latency {mean / 1e3:.1f} s on average, more than {LATE_S:g}"] if mean >= 1e3 * LATE_S else []
     limits = {device: f"{100 * fraction:.0f} % of the time" for device, fraction in duty.items() if fraction > MOSTLY}
     limited = [f"{device} was at its limit {text}" for device, text in limits.items()]
-    return [*_not_armed(record, histories), *_without_effect(record), *late, *limited]
+    return [*_not_armed(record, histories), *_without_effect(record), *late, *limited, *untuned(record.configuration)]
+
+
+def untuned(run: Mapping[str, Any]) -> list[str]:
+    """A line for each shipped controller of a stored run with default parameters that are of other systems.
+
+    It names a command that tunes the controller, if the run's system and a scenario for it are files.
+    """
+    asked, name, lines = run.get("asked") or run, inline_system(run).get("name", ""), dict[str, None]()
+    file, scenario = asked.get("system"), asked.get("scenario")
+    if not isinstance(file, str):
+        file = asked.get("system_file") or (name if name in shipped("systems") else None)
+    trained = f"{name}/training" in shipped("scenarios")
+    more = f" --profile {asked['profile']}" if asked.get("profile") else ""
+    more += "" if trained else f" --scenario {scenario}"
+    for c, row in enumerate(run.get("controllers") or ()):
+        if row.get("untuned"):
+            signals, devices = ",".join(row["signals"]), ",".join(row["devices"])
+            tunable, set_name = row["name"], ""
+            if tunable == "LLC":
+                tunable, set_name = "LLC-tuned", f" --set controllers.{c}.name=LLC-tuned"
+            command = f"facts-damping tune {file} {tunable} --devices {devices} --signals {signals}{more}"
+            how = f": `{command} --out tuned.yaml`, then `--set tuning=tuned.yaml{set_name}`"
+            known = file and (trained or isinstance(scenario, str))
+            lines[f"{row['name']} {NOT_TUNED} {name} with {signals} and {devices}{how if known else ''}"] = None
+    return list(lines)
 
 
 def _not_armed(record: Record, histories: Sequence[SupervisorHistory]) -> Iterator[str]:

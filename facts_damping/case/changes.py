@@ -12,7 +12,7 @@ from facts_damping.case.named_files import checked, read_source
 from facts_damping.errors import InputError
 from facts_damping.parameters.events import Scenario
 from facts_damping.parameters.field_errors import short
-from facts_damping.parameters.files import each_path, find, read_table, set_field, shipped
+from facts_damping.parameters.files import each_path, find, is_path, read_table, set_field, shipped
 from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Controller, Run
 
@@ -38,6 +38,11 @@ def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str
     """
     if values:
         content.pop("asked", None)  # the run is no longer the one that was asked for
+    if "system" in values:
+        content.pop("system_file", None)
+    rows = content.get("controllers") if any(".parameters" in path for path in values) else None
+    for row in rows if isinstance(rows, list) else []:
+        row.pop("untuned", None)
     first = {name: values[name] for name in ("system", PROFILE) if name in values}
     content.update(deepcopy(first))
     if first.get(PROFILE) is not None:
@@ -89,6 +94,8 @@ def _open_name(content: dict[str, Any], key: str) -> None:
                 row.update({"P": scenario["dispatch"].get(row.get("name"), row.get("P"))})
     else:
         content[top] = read_table(find(FOLDERS[top], named))
+        if top == "system" and is_path(named):
+            content["system_file"] = named
 
 
 def read_profile(name: str) -> Profile:

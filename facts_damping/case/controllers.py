@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.link import Link
     from facts_damping.parameters.plant.system import System
 
+DEFAULTS_FOR = ("smib", "two_area", "two_area_governed")  # the thesis's systems, which the defaults are for
 SPAN = 6.0  # default `identifier_span`, frames, of a predicting identifier: one value cannot show an oscillation
 
 
@@ -65,6 +66,8 @@ def filled(
         raise FieldError(f"{here}.name", f"{problem}; allowed: {allowed}")
     usual = defaults(row, controller.profile, *counts.values())
     values = {**usual, **known.get((name, scheme), {}), **controller.parameters}
+    chosen_before = system.name in DEFAULTS_FOR or (name, scheme) in known or controller.parameters
+    untuned = controller.untuned or (not chosen_before and any(p.search for p in row.parameters.values()))
     if controller.compensation in OF_IDENTIFIERS and "identifier_span" not in controller.parameters:
         values["identifier_span"] = SPAN
     order = identifier_model.past_values(values.get("identifier_span"))
@@ -79,7 +82,8 @@ def filled(
     if values.get("down_delay") == -1.0:
         values["down_delay"] = down
     weights = _weights(controller, scheme, values, f"{here}.weights")
-    return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})
+    update = {"scheme": scheme, "parameters": values, "weights": weights, "untuned": untuned}
+    return controller.model_copy(update=update)
 
 
 def sizes(controller: Controller) -> dict[str, int]:
@@ -161,7 +165,8 @@ def tuned(
     usual = Controller()
     signals, devices = signals or usual.signals, devices or usual.devices
     parameters: dict[tuple[str, str | None], dict[str, Value]] = {}
-    fitting = [tuned_file for tuned_file in chosen(system, profile) if tuned_file.measurement in ("ideal", measurement)]
+    measured = ("ideal", "p_class", "m_class") if files.is_path(profile) else ("ideal", measurement)
+    fitting = [tuned_file for tuned_file in chosen(system, profile) if tuned_file.measurement in measured]
     for wanted in dict.fromkeys(("none", compensation)):
         for file in sorted(fitting, key=lambda tuned_file: tuned_file.measurement == measurement):
             for row in file.controllers:
@@ -172,10 +177,15 @@ def tuned(
 
 
 def chosen(system: str, profile: str) -> list[Tuned]:
-    """Files of tuned parameters for a system and profile: `<system>_<profile>...`.
+    """Files of tuned parameters for a system and profile: `<system>_<profile>...`, or the one of a path.
 
     The default profile's name is left out.
     """
+    if files.is_path(profile):
+        file = check(Tuned, files.read_table(files.find("controllers", profile)), profile)
+        if file.system != system:
+            raise FieldError("tuning", f"parameters for {file.system} given; allowed: those for {system}")
+        return [file]
     begins = system if profile == DEFAULT_PROFILE else f"{system}_{profile}"
     known = [_read_tuned(file) for name, file in files.shipped("controllers").items() if name.startswith(begins)]
     return [file for file in known if (file.system, file.profile) == (system, profile)]

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.measurement.filters import reference_filter
+from facts_damping.parameters.files import is_path
+from facts_damping.parameters.profile import DEFAULT_PROFILE
 
 if TYPE_CHECKING:
     from facts_damping.measurement.filters import Filter
@@ -67,6 +69,7 @@ class Case:
             **self.run.model_dump(),
             "controllers": [controller.model_dump() for controller in self.controllers],
             "asked": self.summary(),
+            "tuning": DEFAULT_PROFILE if is_path(self.run.tuning) else self.run.tuning,  # all parameters are there
             "duration": self.duration,
             "system": self.system.model_dump(by_alias=True),
             "model": None if self.model is None else self.model.model_dump(by_alias=True),

@@ -13,9 +13,7 @@ from facts_damping.neurofuzzy.table import IDENTIFIERS
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
 
-
 OFF_ON = ("off", "on")
-
 
 MAX_AHEAD = 60  # most frames that an identifier may predict ahead
 
@@ -96,7 +94,6 @@ LOOP_DELAY = Parameter(
     live=False,
 )
 
-
 # For `compensation` (control/compensation.py); without it they have no effect.
 COMPENSATION_PARAMETERS = {
     "mode_hz": Parameter(
@@ -108,7 +105,6 @@ COMPENSATION_PARAMETERS = {
     "latency_filter": Parameter(0.5, "s", 0.0, 100.0, "time constant of the filter of the measured latency"),
     "phasor_rate": Parameter(4.0, "1/s", 0.01, 100.0, "forgetting rate of the phasor"),
 }
-
 
 LEAD_LAG_PARAMETERS = {
     "gain": Parameter(
@@ -127,7 +123,6 @@ LEAD_LAG_PARAMETERS = {
     ),
     **COMPENSATION_PARAMETERS,
 }
-
 
 # small_signal/lqg.py designs the matrices from these at the start.
 LQG_PARAMETERS = {
@@ -153,7 +148,6 @@ LQG_PARAMETERS = {
     "loop_delay": LOOP_DELAY,
 }
 
-
 # small_signal/loop_shaping.py designs the matrices from these at the start.
 LOOP_SHAPING_PARAMETERS = {
     "gain": LEAD_LAG_PARAMETERS["gain"]._replace(live=False, description="gain of the shaped plant"),
@@ -169,7 +163,6 @@ LOOP_SHAPING_PARAMETERS = {
     ),
     "loop_delay": LOOP_DELAY,
 }
-
 
 # Safety measures are off where the thesis has none; the profile `deployed` turns on those for safe adaptation.
 NEURO_FUZZY_PARAMETERS = {
@@ -239,7 +232,6 @@ NEURO_FUZZY_PARAMETERS = {
     "loop_delay": LOOP_DELAY,
     **COMPENSATION_PARAMETERS,
 }
-
 
 # Renamed parameters: an error for the old name gives the new one.
 RENAMED = {"lag": "loop_delay", "effort": "control_weight", "noise": "measurement_noise"}

@@ -23,7 +23,7 @@ DEEPEST = 20  # levels of a file in which paths are looked for
 # Fields that may name a file, and how a file is named in them.
 PATHS = (
     *("system", "model", "scenario", "measurement", "link", "supervision", "profile", "run"),
-    *("weights", "linear", "policy", "fmu", "file", "keys"),
+    *("weights", "linear", "policy", "fmu", "file", "keys", "tuning"),
 )
 FILE = r"[^:\s]+\.(ya?ml|npz|mat|csv|mcap|fmu)|[^:\s]+\.py:\w+"
 

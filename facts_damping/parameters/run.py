@@ -99,6 +99,7 @@ class Controller(ParameterModel):
         None, "-", "index in the run of the controller that it is the fallback of; none: it is no fallback", ge=0, le=15
     )
     faults: list[ControllerFault] = Field([], description="faults of the controller, for tests of supervision")
+    untuned: bool = Field(False, description="in stored runs: whether it has defaults that are of other systems")
     namespace: Namespace | None = Field(
         None,
         description="ROS namespace of its nodes and of its own link, below that of the graph; none: that of the graph",
@@ -203,9 +204,10 @@ class Run(ParameterModel):
         description="system on which controllers and supervisors are designed: name, path or inline, with the devices, "
         "PMUs and signals of the plant; none: the plant itself",
     )
-    tuning: Name = Field(
-        "thesis", description="profile of the tuned parameters that apply where a controller gives none"
+    tuning: str = Field(
+        "thesis", description="profile, or file, of the tuned parameters that apply where a controller gives none"
     )
+    system_file: str | None = Field(None, description="in stored runs: the file of a system that was changed")
     asked: dict[str, Any] | None = Field(None, description="in stored runs: the run with the names that were given")
 
     @field_validator("watchdog", "load_noise", "supervision", mode="before")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
     from facts_damping.small_signal.linearisation import LinearModel
 
-NEGLIGIBLE = 0.02  # participation of a state in a mode below which it is not listed
+NEGLIGIBLE = 0.02  # participation of a state in a mode below which it is not listed, or a quarter of the largest
 
 
 SWING_FRACTION = 0.5  # least participation of rotor angles and speeds in an electromechanical mode
@@ -117,7 +117,8 @@ def mode(
     """
     fraction = np.abs(left * right)
     fraction /= fraction.sum()
-    listed = {names[k]: float(fraction[k]) for k in np.argsort(-fraction)[: int((fraction >= NEGLIGIBLE).sum())]}
+    count = int((fraction >= min(NEGLIGIBLE, fraction.max() / 4.0)).sum())
+    listed = {names[k]: float(fraction[k]) for k in np.argsort(-fraction)[:count]}
     size = abs(eigenvalue)
     ratio = float(-eigenvalue.real / size) if size > 0 else 0.0
     angles, turning = _rotors(tuple(names))

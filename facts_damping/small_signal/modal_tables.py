@@ -13,7 +13,7 @@ from facts_damping.small_signal.descriptor import NEAREST, SHIFTS_HZ, is_partial
 from facts_damping.small_signal.residues import FREQUENCIES_HZ, Interaction, interactions
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from facts_damping.parameters.plant.system import System
 
@@ -21,6 +21,7 @@ SHOWN_STATES = 4
 # Limits for large systems: modes in a picture, machines per side and residues per mode in a table.
 MAX_MODES, MAX_MACHINES, MAX_RESIDUES = 12, 8, 12
 MAX_LISTED, WELL_DAMPED = 60, 0.3  # largest number of modes in a table; beyond it, only those up to this damping ratio
+STILL, ALIKE = 1e-4, 0.01  # 1/s: an eigenvalue of zero; of the fastest machine's speed: machines that move alike
 BAND_HZ = (0.1, 2.5)  # band of modes in the picture of a large system: electromechanical swings
 
 
@@ -124,18 +125,17 @@ def modes_text(modal: Modal) -> Iterator[str]:
     large = len(modal.modes) > MAX_LISTED
     shown = [mode for mode in modal.modes if not large or mode.damping_ratio <= WELL_DAMPED]
     for mode in shown:
-        maximum = ", ".join(
-            f"{state} {fraction:.2f}" for state, fraction in list(mode.participation.items())[:SHOWN_STATES]
-        )
+        states = ", ".join(f"{name} {value:.2f}" for name, value in _participation(mode, modal.system)[:SHOWN_STATES])
+        ratio = "-" if abs(mode.eigenvalue) < STILL else f"{mode.damping_ratio:.4f}"
         yield (
             f"{mode.eigenvalue.real:13.5f} {mode.eigenvalue.imag:12.5f} {mode.frequency_hz:10.4f} "
-            f"{mode.damping_ratio:14.4f}  {mode.label:<17}  {maximum}"
+            f"{ratio:>14}  {mode.label:<17}  {states}"
         )
     if len(shown) < len(modal.modes):
         yield f"and {len(modal.modes) - len(shown)} with a damping ratio above {WELL_DAMPED:g}, all in --json"
     for mode in shown_modes(modal):
         yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: machines that swing against each other"
-        ranked = sorted(mode.shape.items(), key=lambda item: -abs(item[1]))
+        ranked = sorted(in_parallel(mode.shape, modal.system).items(), key=lambda item: -abs(item[1]))
         halves = [[item for item in ranked if (item[1].real >= 0) == in_phase] for in_phase in (True, False)]
         for group in filter(None, halves):
             more = f", and {len(group) - MAX_MACHINES} that swing less" if len(group) > MAX_MACHINES else ""
@@ -151,6 +151,39 @@ def modes_text(modal: Modal) -> Iterator[str]:
                 f"{'+' if r.sign > 0 else '-':>15} {r.lead_deg:9.1f}"
             )
     yield from _interactions_text(modal)
+
+
+def together(names: Sequence[str]) -> str:
+    """A label of machines at one bus: their name, or what their names begin with and their number, `G6100 x3`."""
+    stem = names[0].rpartition("_")[0]
+    alike = stem and all(name.startswith(f"{stem}_") for name in names)
+    return names[0] if len(names) == 1 else f"{stem if alike else names[0]} x{len(names)}"
+
+
+def in_parallel(shape: Mapping[str, complex], system: System) -> dict[str, complex]:
+    """A mode shape in which the machines of a bus are one, by its label, if they move alike."""
+    merged = dict(shape)
+    for bus in dict.fromkeys(m.bus for m in system.machines):
+        names = [m.name for m in system.machines if m.bus == bus]
+        label, value = together(names), shape[names[0]]
+        if label not in merged and all(abs(shape[name] - value) < ALIKE for name in names):
+            merged = {name: merged[name] for name in merged if name not in names} | {label: value}
+    return merged
+
+
+def _participation(mode: eigenmodes.Eigenmode, system: System) -> list[tuple[str, float]]:
+    """Participations, the largest first, in which the like states of machines at one bus are one."""
+    buses, groups = {m.name: m.bus for m in system.machines}, dict[tuple[str, str], list[str]]()
+    for state in mode.participation:
+        owner, _, rest = state.partition(".")
+        groups.setdefault((buses.get(owner, owner), rest), []).append(owner)
+    return sorted(
+        (
+            (f"{together(owners)}.{rest}", sum(mode.participation[f"{owner}.{rest}"] for owner in owners))
+            for (_, rest), owners in groups.items()
+        ),
+        key=lambda item: -item[1],
+    )
 
 
 def shown_modes(modal: Modal) -> list[eigenmodes.Eigenmode]:

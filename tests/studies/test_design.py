@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import facts_damping_studies
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case, make_case, read_system
+from facts_damping.cli.main import main
 from facts_damping.errors import InputError
 from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.build import build
@@ -232,3 +233,57 @@ def test_signals_of_the_user_s_own_stay_as_they_are() -> None:
     assert signals["p_line_6_7_"].channel == "active_power"
     again = places.with_signals(places.with_signals(system_read, modes), modes)
     assert list(again.signals) == list(signals)
+
+
+def test_equal_machines_at_a_bus_are_one_with_the_same_modes() -> None:
+    """The rest of the eigenvalues is of such machines against each other."""
+    whole = read_system(SYSTEM)
+    parts: dict[str, list[Any]] = {field: [] for field in ("machines", "exciters", "stabilisers", "governors")}
+    for machine in whole.machines:
+        names = [machine.name] if machine.slack else [machine.name, f"{machine.name}_2", f"{machine.name}_3"]
+        shares = {"rating": machine.rating / len(names), "P": None if machine.P is None else machine.P / len(names)}
+        for name in names:
+            parts["machines"].append(machine.model_copy(update={"name": name, **shares}))
+            for field in ("exciters", "stabilisers", "governors"):
+                rows = [row for row in getattr(whole, field) if row.machine == machine.name]
+                parts[field] += [row.model_copy(update={"machine": name}) for row in rows]
+    split = whole.model_copy(update=parts)
+    merged = places.merged(split)
+    assert [machine.name for machine in merged.machines] == [machine.name for machine in whole.machines]
+    assert [machine.rating for machine in merged.machines] == pytest.approx([m.rating for m in whole.machines])
+    many, few = (
+        design.listed_modes(design.Task(SYSTEM, [], 0.1, 0.1, mode_hz=0.63), system)[0] for system in (split, merged)
+    )
+    for mode in few:
+        assert min(abs(other.eigenvalue - mode.eigenvalue) for other in many) < 1e-3
+    unequal = split.model_copy(
+        update={"machines": [m.model_copy(update={"H": 5.0 if m.name == "G1_2" else m.H}) for m in split.machines]}
+    )
+    assert {"G1", "G1_2"} <= {machine.name for machine in places.merged(unequal).machines}
+
+
+def test_profile_gives_signals_that_its_pmus_report(tmp_path: Path) -> None:
+    task = design.Task(SYSTEM, [], 0.1, 0.1, place="sssc", kinds=[], profile="deployment")
+    designed = design.design(task, 1, quiet)
+    assert designed.system.signals[designed.chosen.signal].channel == "frequency"
+    design_pages.write(designed, tmp_path)
+    case = load_case(str(tmp_path / "run.yaml"), ["duration=0.1"])
+    assert (case.measurement.filter, case.run.profile) == ("p_class", "deployment")
+    loop.run(case)
+
+
+def test_mode_that_needs_damping_is_taken_before_interarea_modes_that_do_not() -> None:
+    system_read = read_system(SYSTEM)
+    modes, target = design.listed_modes(design.Task(SYSTEM, [], 0.1, 0.1), system_read)
+    assert modes[target].label == "interarea"
+    damped = modes[target]._replace(damping_ratio=0.11)
+    others = [mode._replace(damping_ratio=0.02, label="local") for mode in modes if mode is not modes[target]]
+    wanted = design._wanted(design.Task(SYSTEM, [], 0.1, 0.1), [*others, damped])
+    assert wanted is others[0]
+
+
+def test_ranking_is_shown_where_nothing_is_to_be_designed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["design", SYSTEM, "--damping", "0.001", "--mode", "1.12", "--place", "sssc", "--jobs", "1"]) == 2
+    shown = capsys.readouterr()
+    assert "places: controllability" in shown.out
+    assert "already; allowed: a higher ratio, or another --mode" in shown.err

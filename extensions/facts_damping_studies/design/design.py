@@ -6,13 +6,21 @@ moves another mode to the right. The lead-lag is tuned for a damping ratio and a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.case.changes import apply_profile, read_profile
 from facts_damping.case.loading import make_case, read_system
+from facts_damping.case.named_files import checked, read_source
 from facts_damping.errors import InputError, check_known
+from facts_damping.measurement.filters import reference_filter
+from facts_damping.parameters.field_errors import check
+from facts_damping.parameters.measurement import Measurement
 from facts_damping.parameters.plant.placement import place
+from facts_damping.parameters.plant.system import System
+from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.plant.build import build
 from facts_damping.small_signal import eigenmodes, linearisation
 from facts_damping_studies.design import lead_lag, places, scenario_generation
@@ -22,7 +30,7 @@ from facts_damping_studies.sweeps.pool import run_all
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from facts_damping.parameters.plant.system import System
+    from facts_damping.parameters.plant.pmus import Channel
     from facts_damping.small_signal.eigenmodes import Eigenmode
     from facts_damping_studies.design.lead_lag import Tuned
     from facts_damping_studies.design.places import Tried
@@ -49,6 +57,26 @@ class Task(NamedTuple):
     place: str | None = None  # a line, a bus, or a device of the system; None: the best
     signal: str | None = None  # None: the best difference of speeds
     kinds: Sequence[str] = places.USUAL  # of new devices, of `places.NEW_DEVICES`
+    profile: str = DEFAULT_PROFILE  # of the run: its PMUs and fields of the system
+
+    @property
+    def measurement(self) -> Any:
+        """How the PMUs of the profile measure: a name or content."""
+        return read_profile(self.profile).set.get("measurement", "ideal")
+
+    @property
+    def measured(self) -> Measurement:
+        """The same, read."""
+        return checked(Measurement, read_source("measurement", self.measurement, "measurement"))
+
+    @property
+    def channel(self) -> Channel:
+        """What is usual as a signal: speeds, or frequencies where the PMUs report no speeds."""
+        return places.SPEED if self.measured.filter == "ideal" else places.FREQUENCY
+
+    def delay_with_filter(self, nominal: float) -> float:
+        """s, from the instant of a measurement to the device; `nominal`: frequency, Hz."""
+        return self.delay + reference_filter(self.measured, nominal, FRAME_RATE).delay / FRAME_RATE
 
 
 class Pair(NamedTuple):
@@ -65,17 +93,25 @@ class Pair(NamedTuple):
         return any(value < -CONFLICT for value in self.others)
 
 
-class Design(NamedTuple):
-    """Result of a design."""
+@dataclass(frozen=True)
+class Ranking:
+    """Modes, places and signals, ranked, and the pair that would be taken."""
 
     task: Task
-    system: System  # with all signals that were considered
+    bare: System  # as it was given, with the profile's fields
+    system: System  # with equal machines at one bus as one, and all signals that were considered
     modes: list[Eigenmode]  # modes in the band, the least damped first
     target: int  # index of the mode to be damped
     observability: np.ndarray[Any, np.dtype[np.complex128]]  # (modes, signals of the system)
     tried: list[Tried]
     pairs: list[Pair]  # the largest residue first
     chosen: Pair
+
+
+@dataclass(frozen=True)
+class Design(Ranking):
+    """Result of a design."""
+
     content: dict[str, Any]  # content of the system's file, with device, signal and its PMUs
     run: dict[str, Any]  # content of the run's file, without system and scenario
     tuned: Tuned
@@ -85,14 +121,20 @@ class Design(NamedTuple):
 
 def design(task: Task, jobs: int, tell: Tell) -> Design:
     """Rank, choose and tune. Raises `InputError` if there is no mode to damp, or for unknown names."""
-    bare_system = read_system(task.system, task.sets)
-    modes, target = listed_modes(task, bare_system)
-    system = places.with_signals(bare_system, modes)
+    return completed(ranked(task, jobs, tell), tell)
+
+
+def ranked(task: Task, jobs: int, tell: Tell) -> Ranking:
+    """Rank places and signals for each mode, and pairs for the target. Raises `InputError`."""
+    bare_system = _read(task)
+    grid = places.merged(bare_system) if "exciter_input" not in task.kinds else bare_system
+    modes, target = listed_modes(task, grid)
+    system = places.with_signals(grid, modes, task.channel)
     observability = places.seen(system, modes)
-    narrow = places.only(system, _worth_a_look(task, system, observability), bare_system)
+    narrow = places.only(system, _worth_a_look(task, system, observability), grid)
     for kind in task.kinds:
         check_known("--kinds", kind, places.NEW_DEVICES)
-    candidates = places.places(bare_system, task.kinds)
+    candidates = places.places(grid, task.kinds)
     if task.place is not None:
         check_known("--place", task.place, sorted({name for candidate in candidates for name in candidate.names}))
     trials = [places.Trial(narrow, candidate, modes) for candidate in candidates]
@@ -103,24 +145,45 @@ def design(task: Task, jobs: int, tell: Tell) -> Design:
         problem = f"with a device at {task.place or 'any place'} the mode is not found again{reason}"
         raise InputError(f"--place: {problem}; allowed: another place")
     chosen = next((pair for pair in pairs if not pair.conflicts()), pairs[0])
-    content, run = _written(task, system, bare_system, tried[chosen.tried], chosen)
-    plain = {**run, "system": content, "scenario": []}
-    wanted = modes[target], task.damping, task.delay
+    return Ranking(task, bare_system, system, modes, target, observability, tried, pairs, chosen)
+
+
+def completed(ranking: Ranking, tell: Tell) -> Design:
+    """The design of a ranking's pair. Raises `InputError` if the mode has the wanted damping ratio already."""
+    task, mode, chosen = ranking.task, ranking.modes[ranking.target], ranking.chosen
+    if mode.damping_ratio >= task.damping:
+        has = f"the mode of {mode.frequency_hz:.3f} Hz has {mode.damping_ratio:.3f} already"
+        raise InputError(f"--damping {task.damping:g}: {has}; allowed: a higher ratio, or another --mode")
+    place = ranking.tried[chosen.tried].place
+    content, run = _written(ranking)
+    grid = places.merged(System.model_validate(content)) if ranking.system.machines != ranking.bare.machines else None
+    plain = {**run, "system": grid.model_dump(by_alias=True) if grid else content, "scenario": []}
+    wanted = mode, task.damping, task.delay
     tuned = lead_lag.tune(plain, chosen.law, chosen.residue, *wanted, tell("design", "gains"))
     run["controllers"][0]["parameters"] = chosen.law.parameters(tuned.gain)
-    loop = make_case({**run, "system": content, "scenario": []}, "design")
+    loop = make_case({**plain, "controllers": run["controllers"]}, "design")
     stable = delay_margin.stable_around(loop, task.delay, LONGEST_S, tell("design", "delays"))
     scenarios = scenario_generation.training_cases(
-        plain, tried, tried[chosen.tried].place, target, tell("design", "scenarios")
+        plain, ranking.tried, place, ranking.target, tell("design", "scenarios")
     )
-    ranked = task, system, modes, target, observability, tried, pairs
-    return Design(*ranked, chosen, content, run, tuned, stable, scenarios)
+    return Design(**vars(ranking), content=content, run=run, tuned=tuned, stable=stable, scenarios=scenarios)
+
+
+def _read(task: Task) -> System:
+    """The system of a task, with the fields of its profile."""
+    system = read_system(task.system, task.sets)
+    if task.profile == DEFAULT_PROFILE:
+        return system
+    content = {"system": system.model_dump(by_alias=True)}
+    apply_profile(content, task.profile, "--profile")
+    return check(System, content["system"], f"--profile {task.profile}")
 
 
 def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
     """The least damped electromechanical modes in the band without devices, and the index of the mode to be damped.
 
-    The target is the requested mode, else the least damped interarea mode if there is one.
+    The target is the requested mode; else of the modes below the wanted damping ratio the least damped interarea mode,
+    or the least damped; if none is below, of all.
     """
     placed = place(system)
     built = build(placed, [], [])
@@ -134,9 +197,6 @@ def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
     wanted = _wanted(task, swings)
     least_damped = swings[:MODES]
     modes = least_damped if wanted in least_damped else [*least_damped[:-1], wanted]
-    if wanted.damping_ratio >= task.damping:
-        has = f"the mode of {wanted.frequency_hz:.3f} Hz has {wanted.damping_ratio:.3f} already"
-        raise InputError(f"--damping {task.damping:g}: {has}; allowed: a higher ratio, or another --mode")
     return modes, modes.index(wanted)
 
 
@@ -144,7 +204,8 @@ def _wanted(task: Task, swings: Sequence[Eigenmode]) -> Eigenmode:
     """The target mode among the modes in the band, which are sorted by damping, the least damped first."""
     hertz = task.mode_hz
     if hertz is None:
-        return next((m for m in swings if m.label == "interarea"), swings[0])
+        wanting = [m for m in swings if m.damping_ratio < task.damping] or swings
+        return next((m for m in wanting if m.label == "interarea"), wanting[0])
     nearest = min(swings, key=lambda m: abs(m.frequency_hz - hertz))
     if abs(nearest.frequency_hz - hertz) > NEARBY * hertz:
         known = ", ".join(f"{m.frequency_hz:.3f}" for m in sorted(swings, key=lambda m: m.frequency_hz))
@@ -159,7 +220,7 @@ def _worth_a_look(task: Task, system: System, observability: np.ndarray[Any, Any
         check_known("--signal", task.signal, names)
     best_names = {task.signal} if task.signal is not None else set[str]()
     for row in np.abs(observability):
-        for channel in (places.SPEED, places.FLOW):
+        for channel in (task.channel, places.FLOW):
             best_names |= set(maximum(names, row, channel, system)[:SIGNALS])
     return [name for name in names if name in best_names]
 
@@ -173,7 +234,7 @@ def maximum(names: Sequence[str], values: Any, channel: str, system: System) -> 
 def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[Eigenmode], target: int) -> list[Pair]:
     """The pairs with the largest residue times device limit for the mode, at the requested place or signal if named."""
     names = list(system.signals)
-    speeds = [name for name in names if system.signals[name].channel == places.SPEED]
+    speeds = [name for name in names if system.signals[name].channel == task.channel]
     wanted = speeds if task.signal is None else [task.signal]
     worth = [
         (abs(attempt.residue[target, s]) * float(attempt.place.device.setpoint_max), i, s)
@@ -183,36 +244,40 @@ def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[E
         if name in wanted and np.isfinite(attempt.residue[target, s])
     ]
     best = sorted(worth, reverse=True)[:PAIRS]
-    return [_pair(task, tried[i], i, s, names[s], modes, target) for _, i, s in best]
+    delay = task.delay_with_filter(system.frequency)
+    return [_pair(delay, tried[i], i, s, names[s], modes, target) for _, i, s in best]
 
 
 def _pair(
-    task: Task, tried: Tried, index: int, signal: int, name: str, modes: Sequence[Eigenmode], target: int
+    delay: float, tried: Tried, index: int, signal: int, name: str, modes: Sequence[Eigenmode], target: int
 ) -> Pair:
     residues = tried.residue[:, signal]
     at = modes[target].eigenvalue
-    law = lead_lag.lead_lag(complex(residues[target]), at, task.delay, FRAME_RATE)
+    law = lead_lag.lead_lag(complex(residues[target]), at, delay, FRAME_RATE)
 
     def gained(i: int) -> float:
         s = modes[i].eigenvalue
-        moved = residues[i] * law.response(s) * lead_lag.late(s, task.delay, FRAME_RATE)
+        moved = residues[i] * law.response(s) * lead_lag.late(s, delay, FRAME_RATE)
         return float(-moved.real / abs(s))
 
     return Pair(index, name, complex(residues[target]), law, [gained(i) / gained(target) for i in range(len(modes))])
 
 
-def _written(
-    task: Task, system: System, original: System, tried: Tried, chosen: Pair
-) -> tuple[dict[str, Any], dict[str, Any]]:
+def _written(ranking: Ranking) -> tuple[dict[str, Any], dict[str, Any]]:
     """Content of the system's file with the device and the signal, and content of the run's file."""
-    device = tried.place.device.name
-    wide = places.only(system, list(dict.fromkeys([*original.signals, chosen.signal])), original)
-    content = places.with_place(wide, tried.place).model_dump(by_alias=True, exclude_defaults=True)
+    task, chosen, original = ranking.task, ranking.chosen, ranking.bare
+    taken = ranking.tried[chosen.tried].place
+    names = {pmu.name for pmu in original.pmus}
+    more = [pmu for pmu in ranking.system.pmus if pmu.name not in names]
+    whole = original.model_copy(update={"pmus": [*original.pmus, *more], "signals": ranking.system.signals})
+    wide = places.only(whole, list(dict.fromkeys([*original.signals, chosen.signal])), original)
+    content = places.with_place(wide, taken).model_dump(by_alias=True, exclude_defaults=True)
     half = {"stage": "network", "model": "constant", "delay": task.delay / 2}
     run = {
-        "description": f"{system.name}, lead-lag by facts-damping design",
-        "devices": [device],
-        "controllers": [{"name": "LLC", "devices": [device], "signals": [chosen.signal]}],
+        "description": f"{original.name}, lead-lag by facts-damping design",
+        **({} if task.profile == DEFAULT_PROFILE else {"profile": task.profile, "measurement": task.measurement}),
+        "devices": [taken.device.name],
+        "controllers": [{"name": "LLC", "devices": [taken.device.name], "signals": [chosen.signal]}],
         "link": {"up": [half], "down": [dict(half)]} if task.delay > 0.0 else "ideal",
         "frame_rate": FRAME_RATE,
     }

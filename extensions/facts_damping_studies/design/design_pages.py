@@ -14,17 +14,18 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.small_signal.modal_tables import figures
 from facts_damping_grids.text import rows_text
 from facts_damping_studies.design.design import LONGEST_S, PLACES, SIGNALS, maximum
-from facts_damping_studies.design.places import FLOW, SPEED
+from facts_damping_studies.design.places import FLOW, FREQUENCY, SPEED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
     from facts_damping.small_signal.eigenmodes import Eigenmode
-    from facts_damping_studies.design.design import Design, Pair
+    from facts_damping_studies.design.design import Design, Pair, Ranking
     from facts_damping_studies.margins.delay_margin import Around
 
 SHOWN_MACHINES = 4
+NAMES = {SPEED: "speeds", FREQUENCY: "frequencies"}
 LOAD_LEVEL = {"distribution": "uniform", "low": 0.98, "high": 1.02}
 FILES = ("system", "fault", "line_out", "run", "training_cases")
 MOVED = 0.05  # relative change of damping ratio below which a mode is not listed
@@ -36,7 +37,7 @@ def mode_name(mode: Eigenmode) -> str:
     return f"{mode.frequency_hz:.3f} Hz"
 
 
-def strongest(design: Design, mode: int) -> list[tuple[str, float]]:
+def strongest(design: Ranking, mode: int) -> list[tuple[str, float]]:
     """Places sorted by how far their device moves a mode with its full setpoint, 1/s, the strongest first."""
     strengths = [
         (attempt.place.label, float(attempt.strength[mode]))
@@ -46,7 +47,7 @@ def strongest(design: Design, mode: int) -> list[tuple[str, float]]:
     return sorted(strengths, key=lambda pair: -pair[1])[:PLACES]
 
 
-def clearest(design: Design, mode: int, channel: str) -> list[tuple[str, float]]:
+def clearest(design: Ranking, mode: int, channel: str) -> list[tuple[str, float]]:
     """Signals of a channel sorted by their amplitude in a mode, the largest first."""
     names, values = list(design.system.signals), np.abs(design.observability[mode])
     by_name = dict(zip(names, values.tolist(), strict=True))
@@ -55,6 +56,12 @@ def clearest(design: Design, mode: int, channel: str) -> list[tuple[str, float]]
 
 def text(design: Design) -> Iterator[str]:
     """Lines for the terminal."""
+    yield from ranking_text(design)
+    yield from design_text(design)
+
+
+def ranking_text(design: Ranking) -> Iterator[str]:
+    """Lines of a ranking for the terminal."""
     yield f"{design.system.name}: electromechanical modes without damping control, the least damped first"
     rows = [
         [f"{m.frequency_hz:.3f}", f"{m.damping_ratio:.4f}", m.label, _machines(m, 1.0), _machines(m, -1.0)]
@@ -70,21 +77,30 @@ def text(design: Design) -> Iterator[str]:
             left_out.setdefault(attempt.why_not, []).append(attempt.place.label)
     yield from (f"  left out: {', '.join(labels)} ({reason})" for reason, labels in left_out.items())
     target = design.modes[design.target]
-    yield f"\nfor the mode of {mode_name(target)}, with {1e3 * design.task.delay:.0f} ms of delay"
+    yield f"\nfor the mode of {mode_name(target)}, {_target(design)}, with {1e3 * design.task.delay:.0f} ms of delay"
     others = [f"at {mode_name(m)}" for i, m in enumerate(design.modes) if i != design.target]
     titles = ["device", "signal", "residue 1/s", "x limit", "angle deg", "u = K y: sign", "lead deg", *others]
     yield from _indented(table(titles, [_pair(design, pair) for pair in design.pairs], left=2, rule=False))
     if others:
         yield "  last columns: what other modes gain or lose in damping ratio, of what this one gains"
-    yield from _chosen(design)
 
 
-def _rankings(design: Design) -> Iterator[tuple[str, list[list[str]]]]:
+def _target(design: Ranking) -> str:
+    """Why the mode was chosen, and which are less damped."""
+    target, task = design.modes[design.target], design.task
+    less = [f"{mode_name(mode)} ({mode.label})" for mode in design.modes if mode.damping_ratio < target.damping_ratio]
+    why = "as asked" if task.mode_hz is not None else "the least damped"
+    if task.mode_hz is None and target.label == "interarea":
+        why = "the least damped interarea mode" + (f" below {task.damping:g}" if less else "")
+    return f"{why}; less damped: {', '.join(less)}, by --mode" if less and task.mode_hz is None else why
+
+
+def _rankings(design: Ranking) -> Iterator[tuple[str, list[list[str]]]]:
     modes = range(len(design.modes))
     places = _side([strongest(design, m) for m in modes], ".4f")
     yield "places: controllability times the setpoint's limit, 1/s", places
     unit = "swing in the mode (observability), p.u. per p.u. of the fastest machine's speed"
-    for channel, what in ((SPEED, "speeds"), (FLOW, "flows")):
+    for channel, what in ((design.task.channel, NAMES[design.task.channel]), (FLOW, "flows")):
         columns = [clearest(design, m, channel) for m in modes]
         if any(columns):
             yield f"signals, {what}: {unit}", _side(columns, ".3g")
@@ -109,7 +125,7 @@ def _machines(mode: Eigenmode, side: float) -> str:
     return ", ".join(f"{name} {same_side[name]:.2f}" for name in ranked[:SHOWN_MACHINES])
 
 
-def _pair(design: Design, pair: Pair) -> list[str]:
+def _pair(design: Ranking, pair: Pair) -> list[str]:
     angle = float(np.rad2deg(np.angle(pair.residue)))
     others = [f"{100 * value:+.0f} %" if np.isfinite(value) else "-" for value in pair.others]
     del others[design.target]
@@ -119,7 +135,8 @@ def _pair(design: Design, pair: Pair) -> list[str]:
     return [place.label, pair.signal, *cells, *others]
 
 
-def _chosen(design: Design) -> Iterator[str]:
+def design_text(design: Design) -> Iterator[str]:
+    """Lines of what was designed, after the ranking, for the terminal."""
     chosen, tuned, task = design.chosen, design.tuned, design.task
     where = design.tried[chosen.tried].place.label
     yield f"\ntaken: {where}, {chosen.signal}{_why(design)}"
@@ -178,7 +195,7 @@ def document(design: Design) -> dict[str, Any]:
                 "places": [{"place": name, "controllability": value} for name, value in strongest(design, i)],
                 "signals": [
                     {"signal": name, "observability": value}
-                    for channel in (SPEED, FLOW)
+                    for channel in (design.task.channel, FLOW)
                     for name, value in clearest(design, i, channel)
                 ],
             }
@@ -213,7 +230,10 @@ def plot(design: Design, path: Path) -> Path:
     figure = Figure(figsize=(1.0 + 3.2 * modes, 5.0), layout="constrained")
     axes: Any = figure.subplots(2, modes, squeeze=False)
     for m, mode in enumerate(design.modes):
-        for axis, ranked in ((axes[0, m], strongest(design, m)), (axes[1, m], clearest(design, m, SPEED))):
+        for axis, ranked in (
+            (axes[0, m], strongest(design, m)),
+            (axes[1, m], clearest(design, m, design.task.channel)),
+        ):
             names, values = [name for name, _ in ranked][::-1], [value for _, value in ranked][::-1]
             axis.barh(range(len(names)), values, color="C0" if m == design.target else "0.6")
             axis.set_yticks(range(len(names)), names, fontsize=8)

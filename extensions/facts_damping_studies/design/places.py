@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping.compiling.structs import Complex1, Complex2, Float1
+    from facts_damping.parameters.plant.machines import Machine
     from facts_damping.parameters.plant.pmus import Channel
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.small_signal.eigenmodes import Eigenmode
@@ -38,6 +39,7 @@ NEW_DEVICES = {name: kind.new for name, kind in KINDS.items() if kind.new is not
 USUAL = ("sssc", "statcom")
 LONGEST = 3.0  # p.u., largest reactance of a line for a device whose data are relative to it
 SPEED: Channel = "speed_deviation"
+FREQUENCY: Channel = "frequency"  # in place of speeds where PMUs have a filter, which does not report these
 FLOW: Channel = "active_power"
 MAX_AREAS = 8  # with more areas there are too many pairs
 NEAR = 0.5  # largest `eigenmodes.unlike` of the same mode
@@ -114,6 +116,38 @@ def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
     return [*present, *new]
 
 
+def merged(system: System) -> System:
+    """The system with equal machines at one bus, equally loaded and controlled, as one machine, named as the first.
+
+    The modes that are left are the same: nothing outside moves such machines against each other.
+    """
+    fixed = {device.machine for device in system.devices if isinstance(device, AtMachine)}
+    fields = ("exciters", "stabilisers", "governors")
+    controls: dict[str, list[str]] = {machine.name: [] for machine in system.machines}
+    for row in (row for field in fields for row in getattr(system, field)):
+        controls[row.machine].append(repr(row.model_copy(update={"machine": ""})))
+    groups: dict[str, list[Machine]] = {}
+    for machine in system.machines:
+        load = None if machine.P is None else f"{machine.P / machine.rating:.9g}"
+        alike = machine.model_copy(
+            update={"name": machine.name if machine.name in fixed else "", "rating": 1.0, "P": 0}
+        )
+        groups.setdefault(f"{alike!r} {load} {controls[machine.name]}", []).append(machine)
+    first = {machine.name: group[0].name for group in groups.values() for machine in group}
+    machines = [
+        group[0].model_copy(
+            update={
+                "rating": sum(machine.rating for machine in group),
+                "P": None if group[0].P is None else sum(machine.P or 0.0 for machine in group),
+            }
+        )
+        for group in groups.values()
+    ]
+    rows = {field: [row for row in getattr(system, field) if first[row.machine] == row.machine] for field in fields}
+    pmus = [pmu.model_copy(update={"machine": pmu.machine and first[pmu.machine]}) for pmu in system.pmus]
+    return system.model_copy(update={"machines": machines, "pmus": pmus, **rows})
+
+
 def with_place(system: System, chosen: Place) -> System:
     """The system with a device at a location."""
     if chosen.own:
@@ -121,13 +155,14 @@ def with_place(system: System, chosen: Place) -> System:
     return system.model_copy(update={"devices": [*system.devices, chosen.device]})
 
 
-def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
+def with_signals(system: System, modes: Sequence[Eigenmode], channel: Channel = SPEED) -> System:
     """The system with the usual signals for wide-area damping control, and the PMUs that they need.
 
     For each mode it adds the speed difference of the two machines with the largest opposite swing (or the speed of the
     fastest machine, if none is opposite). It also adds the differences of areas' mean speeds, weighted by inertia, and
-    the active power of each line. Existing signals are not duplicated.
+    the active power of each line. Existing signals are not duplicated. `channel`: SPEED, or FREQUENCY in its place.
     """
+    letter = "w" if channel == SPEED else "f"
     pmus = {s.machine: s.name for s in system.pmus if s.machine is not None}
     used = {s.name for s in system.pmus}
     more: list[Pmu] = []
@@ -136,17 +171,17 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
             pmus[m.name] = _free(m.name, used)
             more.append(Pmu(name=pmus[m.name], machine=m.name))
     weights = {
-        "_".join(["w", *names]): dict(zip([pmus[name] for name in names], (1.0, -1.0), strict=False))
+        "_".join([letter, *names]): dict(zip([pmus[name] for name in names], (1.0, -1.0), strict=False))
         for names in _opposed(modes)
     }
     means = _mean_speeds(system, pmus)
     for a, b in combinations(means, 2) if len(means) <= MAX_AREAS else ():
-        weights[f"w_{a}_{b}"] = {**means[a], **{pmu: -w for pmu, w in means[b].items()}}
-    there = [s.weights for s in system.signals.values() if s.channel == SPEED]
+        weights[f"{letter}_{a}_{b}"] = {**means[a], **{pmu: -w for pmu, w in means[b].items()}}
+    there = [s.weights for s in system.signals.values() if s.channel == channel]
     there += [{pmu: -w for pmu, w in combination.items()} for combination in there]
     named = set(system.signals)
     new = {
-        _free(name, named): Signal(channel=SPEED, weights=combination)
+        _free(name, named): Signal(channel=channel, weights=combination)
         for name, combination in weights.items()
         if combination not in there
     }

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.output.picture_files import save_picture
-from facts_damping.small_signal.modal_tables import MAX_MACHINES, MAX_MODES, shown_modes
+from facts_damping.small_signal.modal_tables import MAX_MACHINES, MAX_MODES, in_parallel, shown_modes
 from facts_damping_studies.modes import one_line
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def _plot_shapes(modal: Modal, path: Path) -> Path:
             axes.annotate(
                 "", xy=(float(np.angle(value)), abs(value)), xytext=(0, 0), arrowprops={"arrowstyle": "->", "lw": 1.5}
             )
-        for name, (angle, radius) in _label_places(mode.shape).items():
+        for name, (angle, radius) in _label_places(in_parallel(mode.shape, modal.system)).items():
             axes.text(angle, radius, name, ha="center", va="center", fontsize=8)
         axes.set_ylim(0, 1.15)
         axes.set_yticklabels([])

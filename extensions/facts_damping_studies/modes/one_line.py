@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -13,6 +14,7 @@ from facts_damping.devices.table import KINDS
 from facts_damping.output.picture_files import save_picture
 from facts_damping.plant.converters.dispatch import losses_of
 from facts_damping.plant.grid.network import Topology, at_rest, branches, device_section
+from facts_damping.small_signal.modal_tables import together
 from facts_damping_views.bus_places import places
 
 if TYPE_CHECKING:
@@ -133,10 +135,13 @@ def _buses(axes: Axes, system: System, at: Places) -> None:
 def _machines(axes: Axes, system: System, at: Places) -> list[Any]:
     """Draw machines as circles in the colour of the area, with names; return legend handles."""
     areas = list(dict.fromkeys(m.area or "" for m in system.machines))
-    colours = {area: AREAS[i % len(AREAS)] for i, area in enumerate(areas)}
-    for m in system.machines:
-        axes.plot(*at[m.bus], "o", ms=9, mfc="white", mec=colours[m.area or ""], mew=2.0, zorder=4)
-        axes.annotate(m.name, tuple(at[m.bus]), (6, -9), textcoords="offset points", fontsize=7, zorder=6)
+    many = colormaps["turbo"](np.linspace(0.0, 1.0, len(areas))).tolist()
+    colours = dict(zip(areas, AREAS if len(areas) <= len(AREAS) else many, strict=False))
+    for bus in dict.fromkeys(m.bus for m in system.machines):
+        here = [m for m in system.machines if m.bus == bus]
+        axes.plot(*at[bus], "o", ms=9, mfc="white", mec=colours[here[0].area or ""], mew=2.0, zorder=4)
+        label = together([m.name for m in here])
+        axes.annotate(label, tuple(at[bus]), (6, -9), textcoords="offset points", fontsize=7, zorder=6)
     for row in system.infinite_buses:
         axes.plot(*at[row.bus], "o", ms=11, color="black", zorder=4)
     marks = [_mark("o", colours[area], area or "machines", mfc="white", mew=2.0) for area in areas]
