@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from facts_damping_studies.sweeps.batch import make
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from facts_damping_studies.campaigns.campaign import CampaignPlan
     from facts_damping_studies.campaigns.draw_rows import DrawRow
@@ -76,6 +77,19 @@ def design(arguments: argparse.Namespace) -> None:
     system_path = Path(arguments.system)
     if folder is not None and system_path.exists() and system_path.resolve() == (folder / "system.yaml").resolve():
         raise InputError(f"--out {arguments.out}: given, would overwrite SYSTEM; allowed: another folder")
+    with _one_after_another() as tell:
+        ranked_design = study.design(task, arguments.jobs, tell)
+    written = []
+    if folder is not None:
+        written = [*pages.write(ranked_design, folder), pages.plot(ranked_design, folder / "places.png")]
+        write_json(str(folder / "result.json"), pages.document(ranked_design))
+    write_json(arguments.json, pages.document(ranked_design))
+    say(arguments, *pages.text(ranked_design), *(f"written: {path}" for path in written))
+
+
+@contextmanager
+def _one_after_another() -> Iterator[Callable[[str, str], Progress]]:
+    """Progress of several steps of a command, each on a line of its own."""
     shown: list[Progress] = []
 
     def tell(name: str, what: str) -> Progress:
@@ -85,16 +99,10 @@ def design(arguments: argparse.Namespace) -> None:
         return shown[0]
 
     try:
-        ranked_design = study.design(task, arguments.jobs, tell)
+        yield tell
     finally:
         for progress in shown:
             progress.close()
-    written = []
-    if folder is not None:
-        written = [*pages.write(ranked_design, folder), pages.plot(ranked_design, folder / "places.png")]
-        write_json(str(folder / "result.json"), pages.document(ranked_design))
-    write_json(arguments.json, pages.document(ranked_design))
-    say(arguments, *pages.text(ranked_design), *(f"written: {path}" for path in written))
 
 
 def search(arguments: argparse.Namespace) -> None:
@@ -272,6 +280,32 @@ def score(arguments: argparse.Namespace) -> None:
     if folder is not None:
         single = arguments.controller is not None
         paths = pages.write(case_set, cards, folder) if single else pages.write_ranking(ranked, folder)
+        say(arguments, *(f"written: {path}" for path in paths))
+
+
+def compare(arguments: argparse.Namespace) -> None:
+    """Compare controllers on any grid, on cases that are drawn for it."""
+    from facts_damping_studies.score import card, comparison, pages, tuning
+    from facts_damping_studies.score.controllers import controllers_of
+
+    names = ("system", "set", "place", "signal", "link", "profile", "seeds", "seed")
+    asked = comparison.Comparison(*(getattr(arguments, name) for name in names))
+    folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
+    texts = dict.fromkeys([arguments.controller, *arguments.against.split(",")])
+    given = dict(controllers_of(text, "CONTROLLER, --against") for text in texts)
+    clean_up_first()
+    with _one_after_another() as tell:
+        ground = comparison.ground(asked, arguments.jobs, tell)
+        entrants = tuning.tuned(ground, given, arguments.budget, arguments.jobs, tell)
+        case_set = comparison.case_set_of(ground, entrants)
+        cards = card.cards_of(case_set, entrants, arguments.jobs, tell("compare", "runs"))
+    write_json(arguments.json, cards[0].document())
+    say(arguments, *comparison.ground_text(ground, entrants, given), "")
+    say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
+    say(arguments, *pages.ranking_table(card.ranking(cards)))
+    if folder is not None:
+        write_whole(folder / "cases.yaml", dump(case_set.content.model_dump()))
+        paths = [*pages.write(case_set, cards, folder), folder / "cases.yaml"]
         say(arguments, *(f"written: {path}" for path in paths))
 
 

@@ -121,12 +121,13 @@ def with_place(system: System, chosen: Place) -> System:
     return system.model_copy(update={"devices": [*system.devices, chosen.device]})
 
 
-def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
+def with_signals(system: System, modes: Sequence[Eigenmode], speed: Channel = SPEED) -> System:
     """The system with the usual signals for wide-area damping control, and the PMUs that they need.
 
     For each mode it adds the speed difference of the two machines with the largest opposite swing (or the speed of the
     fastest machine, if none is opposite). It also adds the differences of areas' mean speeds, weighted by inertia, and
-    the active power of each line. Existing signals are not duplicated.
+    the active power of each line. Existing signals are not duplicated. `speed`: the channel of speeds; `frequency` is
+    what PMUs measure of them.
     """
     pmus = {s.machine: s.name for s in system.pmus if s.machine is not None}
     used = {s.name for s in system.pmus}
@@ -135,18 +136,19 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
         if m.name not in pmus:
             pmus[m.name] = _free(m.name, used)
             more.append(Pmu(name=pmus[m.name], machine=m.name))
+    letter = "w" if speed == SPEED else "f"
     weights = {
-        "_".join(["w", *names]): dict(zip([pmus[name] for name in names], (1.0, -1.0), strict=False))
+        "_".join([letter, *names]): dict(zip([pmus[name] for name in names], (1.0, -1.0), strict=False))
         for names in _opposed(modes)
     }
     means = _mean_speeds(system, pmus)
     for a, b in combinations(means, 2) if len(means) <= MAX_AREAS else ():
-        weights[f"w_{a}_{b}"] = {**means[a], **{pmu: -w for pmu, w in means[b].items()}}
-    there = [s.weights for s in system.signals.values() if s.channel == SPEED]
+        weights[f"{letter}_{a}_{b}"] = {**means[a], **{pmu: -w for pmu, w in means[b].items()}}
+    there = [s.weights for s in system.signals.values() if s.channel == speed]
     there += [{pmu: -w for pmu, w in combination.items()} for combination in there]
     named = set(system.signals)
     new = {
-        _free(name, named): Signal(channel=SPEED, weights=combination)
+        _free(name, named): Signal(channel=speed, weights=combination)
         for name, combination in weights.items()
         if combination not in there
     }

@@ -42,7 +42,7 @@ def answer(card: ScoreCard) -> list[str]:
         *([f"relative to others: {'; '.join(against)}"] if against else []),
         f"worse than no control: {harm}",
         f"synchronism lost in {card.lost} cases, without control in {card.lost_without_control}",
-        f"better than no control up to {delays(card)} more delay",
+        *([f"better than no control up to {delays(card)} more delay"] if has_delays(card) else []),
         f"mean setpoint {100 * card.effort:.1f} % of the limit; {duty}",
     ]
     if card.hunted is not None:
@@ -56,6 +56,11 @@ def worst_text(card: ScoreCard) -> str:
     """The worst hunted case: ITAE relative to no control, kind of the case and fault; - if there is none."""
     worst = None if card.hunted is None else card.hunted.worst
     return f"{worst.ratio:.3g} times ({worst.kind}, {worst.fault})" if worst is not None and worst.ratio else "-"
+
+
+def has_delays(card: ScoreCard) -> bool:
+    """Whether its set has kinds of cases with more delay."""
+    return any(kind.startswith("delay ") for kind in card.kinds)
 
 
 def delays(card: ScoreCard) -> str:
