@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from facts_damping.analysis.run_warnings import NOT_TUNED, untuned
+from facts_damping.analysis.run_warnings import untuned
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
 from facts_damping.cli.reporting import detailed, page, run_result, say
@@ -20,7 +21,7 @@ from facts_damping_studies.sweeps.batch import make
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from facts_damping.case.model import Case
     from facts_damping_studies.campaigns.campaign import CampaignPlan
@@ -80,6 +81,22 @@ def design(arguments: argparse.Namespace) -> None:
     system_path = Path(arguments.system)
     if folder is not None and system_path.exists() and system_path.resolve() == (folder / "system.yaml").resolve():
         raise InputError(f"--out {arguments.out}: given, would overwrite SYSTEM; allowed: another folder")
+    clean_up_first("nothing is written: `design` writes its files at its end")
+    with _one_after_another() as tell:
+        ranking = study.ranked(task, arguments.jobs, tell)
+        say(arguments, *pages.ranking_text(ranking))
+        completed = study.completed(ranking, tell)
+    written = []
+    if folder is not None:
+        written = [*pages.write(completed, folder), pages.plot(completed, folder / "places.png")]
+        write_json(str(folder / "result.json"), pages.document(completed))
+    write_json(arguments.json, pages.document(completed))
+    say(arguments, *pages.design_text(completed), *(f"written: {path}" for path in written))
+
+
+@contextmanager
+def _one_after_another() -> Iterator[Callable[[str, str], Progress]]:
+    """Progress of several steps of a command, each on a line of its own."""
     shown: list[Progress] = []
 
     def tell(name: str, what: str) -> Progress:
@@ -88,20 +105,11 @@ def design(arguments: argparse.Namespace) -> None:
         shown[:] = [Progress(name, what)]
         return shown[0]
 
-    clean_up_first("nothing is written: `design` writes its files at its end")
     try:
-        ranking = study.ranked(task, arguments.jobs, tell)
-        say(arguments, *pages.ranking_text(ranking))
-        completed = study.completed(ranking, tell)
+        yield tell
     finally:
         for progress in shown:
             progress.close()
-    written = []
-    if folder is not None:
-        written = [*pages.write(completed, folder), pages.plot(completed, folder / "places.png")]
-        write_json(str(folder / "result.json"), pages.document(completed))
-    write_json(arguments.json, pages.document(completed))
-    say(arguments, *pages.design_text(completed), *(f"written: {path}" for path in written))
 
 
 def search(arguments: argparse.Namespace) -> None:
@@ -157,9 +165,6 @@ def sweep(arguments: argparse.Namespace) -> None:
     }  # fmt: skip
     write_json(arguments.json, {name: [row.cells for row in part] for name, part in parts.items()})
     say(arguments, *results.sweep_tables(rows, margins, fractions, across), "", *figures)
-    warnings = [row.figures.warnings.split("; ") for row in rows if row.figures and row.figures.warnings]
-    not_tuned = (line for lines in warnings for line in lines if NOT_TUNED in line)
-    say(arguments, *dict.fromkeys(f"warning: {line}" for line in not_tuned))
     if asked:
         notes = [f"{line}." for line in results.shortcomings(rows)]
         head = [f"# {plan.name}", "", plan.study.description, "", *(part for line in notes for part in (line, ""))]
@@ -299,6 +304,32 @@ def score(arguments: argparse.Namespace) -> None:
     if folder is not None:
         single = arguments.controller is not None
         paths = pages.write(case_set, cards, folder) if single else pages.write_ranking(ranked, folder)
+        say(arguments, *(f"written: {path}" for path in paths))
+
+
+def compare(arguments: argparse.Namespace) -> None:
+    """Compare controllers on any grid, on cases that are drawn for it."""
+    from facts_damping_studies.score import card, comparison, pages, tuning
+    from facts_damping_studies.score.controllers import controllers_of
+
+    names = ("system", "set", "place", "signal", "link", "profile", "seeds", "seed")
+    asked = comparison.Comparison(*(getattr(arguments, name) for name in names))
+    folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
+    texts = dict.fromkeys([arguments.controller, *arguments.against.split(",")])
+    given = dict(controllers_of(text, "CONTROLLER, --against") for text in texts)
+    clean_up_first()
+    with _one_after_another() as tell:
+        ground = comparison.ground(asked, arguments.jobs, tell)
+        entrants = tuning.tuned(ground, given, arguments.budget, arguments.jobs, tell)
+        case_set = comparison.case_set_of(ground, entrants)
+        cards = card.cards_of(case_set, entrants, arguments.jobs, tell("compare", "runs"))
+    write_json(arguments.json, cards[0].document())
+    say(arguments, *comparison.ground_text(ground, entrants, given), "")
+    say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
+    say(arguments, *pages.ranking_table(card.ranking(cards)))
+    if folder is not None:
+        write_whole(folder / "cases.yaml", dump(case_set.content.model_dump()))
+        paths = [*pages.write(case_set, cards, folder), folder / "cases.yaml"]
         say(arguments, *(f"written: {path}" for path in paths))
 
 

@@ -6,7 +6,7 @@ relays would have acted, and the models of loads and converters are not valid.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 

@@ -34,7 +34,7 @@ _held: dict[tuple[bytes, float], Float2] = {}  # effect of held inputs, by a dig
 
 
 class Residues(NamedTuple):
-    """Residues at the least damped electromechanical mode, the swing of the signals in it, and time responses.
+    """Residues at an electromechanical mode, usually the least damped, the swing of the signals in it, and responses.
 
     Signals and devices are those of the system and of the run, in their order; signals are after their washouts.
     """
@@ -90,9 +90,16 @@ class Residues(NamedTuple):
 
 
 def residues(
-    built: Built, system: System, devices: Sequence[str], frame_rate: int, measured: Filter | None = None
+    built: Built,
+    system: System,
+    devices: Sequence[str],
+    frame_rate: int,
+    measured: Filter | None = None,
+    mode_hz: float | None = None,
 ) -> Residues | None:
     """The residues from the installed devices to a system's signals; None without an electromechanical mode.
+
+    `mode_hz`: the mode next to this frequency; None: the least damped.
 
     Residues are F (C v)(w B) exp(-lambda Td), the swing F (C v) (Kundur 1994, 12.3.4); F washouts and the PMUs' filter
     `measured`, Td dead times.
@@ -102,7 +109,7 @@ def residues(
     swings = [mode for mode in eigenmodes.modes(model.matrix, built.state_names, system) if mode.swings]
     if not swings:
         return None
-    minimum = min(swings, key=lambda mode: mode.damping_ratio)
+    minimum = min(swings, key=lambda m: m.damping_ratio if mode_hz is None else abs(m.frequency_hz - mode_hz))
     near = descriptor.eigenvalue_near if isinstance(model.matrix, Descriptor) else eigenvalue_near
     eigenvalue, v, w = near(model.matrix, minimum.eigenvalue)  # type: ignore[arg-type]
     swing = times(model.gain(eigenvalue), product(model.seen[0], v))

@@ -18,7 +18,7 @@ from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping_studies.search import tune
-from facts_damping_studies.search.tune import LOST, Job, Trainer, TuningTask, objective, rows, search
+from facts_damping_studies.search.tune import LOST, Trainer, TuningTask, job, objective, rows, search
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def test_tuned_parameters_reach_their_stated_objective_in_training(system: str, 
     Most points need one run. Where a loop is hardly stable the last bit decides how long it swings: 0.24 to 0.48 within
     1e-9 of the parameters of `ANFTrMeC`, indirect.
     """
-    trainer = Trainer(Job(task(system), row.name, row.scheme))
+    trainer = Trainer(job(task(system), row.name, row.scheme))
     low, high = np.inf, 0.0
     for near in neighbours(row):
         reached = objective(trainer.with_parameters(near), trainer.residues)
@@ -85,7 +85,7 @@ def test_tuned_parameters_reach_their_stated_objective_in_training(system: str, 
 )
 def test_space_is_within_what_parameters_may_be(name: str, scheme: Any) -> None:
     row, random = kind(name), np.random.default_rng(1)
-    trainer = Trainer(Job(task("two_area"), name, scheme))
+    trainer = Trainer(job(task("two_area"), name, scheme))
     size = len(trainer.space.ranges)
     for at in [np.zeros(size), np.ones(size), *random.random((50, size))]:
         for key, value in trainer.parameters(at).items():
@@ -99,20 +99,20 @@ def test_search_is_reproducible_and_no_worse_than_its_first_points(
     monkeypatch.setattr(tune, "POPULATION", 8)
     events = [{"time": 0.5, "kind": "load_step", "load": "load_2", "change": -0.1}]
     (tmp_path / "step.yaml").write_text(dump({"name": "step", "duration": 4, "events": events}), encoding="utf-8")
-    job = Job(task("two_area", budget=16)._replace(scenario=str(tmp_path / "step.yaml")), "LLC-tuned", None)
-    tuned_controller = search(job)
-    assert search(job) == tuned_controller
-    trainer = Trainer(job)
-    first = tune._population(len(trainer.space.ranges), 3)
+    asked = job(task("two_area", budget=16)._replace(scenario=str(tmp_path / "step.yaml")), "LLC-tuned", None)
+    tuned_controller = search(asked)
+    assert search(asked) == tuned_controller
+    trainer = Trainer(asked)
+    first = tune._population(len(trainer.space.ranges), 3, 8)
     assert first.shape == (8, 5)
     for column in first.T:  # a Latin hypercube: one point in each stripe
         assert sorted((column * 8).astype(int)) == list(range(8))
     assert tuned_controller.objective <= min(trainer.objective(at) for at in first) * (1 + 1e-4)
-    assert search(job._replace(task=job.task._replace(seed=4))) != tuned_controller
+    assert search(asked._replace(seed=4)) != tuned_controller
 
 
 def test_lost_run_counts_more_than_any_that_stays() -> None:
-    trainer = Trainer(Job(task("two_area"), "LLC-tuned", None))
+    trainer = Trainer(job(task("two_area"), "LLC-tuned", None))
     lost = objective(trainer.with_parameters({"gain": -50.0}), trainer.residues)
     assert 900.0 < lost < 1000.0
 

@@ -54,10 +54,14 @@ class Set(NamedTuple):
 def read_set(name: str) -> Set:
     """A set of cases by name or path. Raises `InputError`."""
     path = find("case_sets", name)
-    content = check(CaseSet, read_table(path), str(path))
-    text = json.dumps(content.model_dump(mode="json"), sort_keys=True)
-    digest = hashlib.sha256(text.encode()).hexdigest()[:16]
-    return Set(f"{path.stem.rpartition('_')[0] or path.stem} {content.version}", content, digest)
+    return set_of(path.stem.rpartition("_")[0] or path.stem, read_table(path), str(path))
+
+
+def set_of(name: str, content: dict[str, Any], source: str) -> Set:
+    """A set of cases from the content of its file. Raises `InputError`."""
+    checked = check(CaseSet, content, source)
+    text = json.dumps(checked.model_dump(mode="json"), sort_keys=True)
+    return Set(f"{name} {checked.version}", checked, hashlib.sha256(text.encode()).hexdigest()[:16])
 
 
 def run_set(

@@ -11,7 +11,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.files import read_table, shipped
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from facts_damping_studies.score.card import Set
 
@@ -29,22 +29,25 @@ def candidates(case_set: Set, controller: Any, against: Sequence[str] | None) ->
         if against is not None:
             raise InputError("--against: given without CONTROLLER; allowed: beside one")
         return case_set.content.controllers
-    others = [controllers_of(other, case_set, "--against") for other in against or case_set.content.beside]
-    return dict([controllers_of(controller, case_set), *others])
+    known = case_set.content.controllers
+    others = [controllers_of(other, "--against", known) for other in against or case_set.content.beside]
+    return dict([controllers_of(controller, known=known), *others])
 
 
-def controllers_of(controller: Any, case_set: Set, where: str = "CONTROLLER") -> tuple[str, list[dict[str, Any]]]:
+def controllers_of(
+    controller: Any, where: str = "CONTROLLER", known: Mapping[str, list[dict[str, Any]]] | None = None
+) -> tuple[str, list[dict[str, Any]]]:
     """Name, and rows of controllers, of what is given: text, a row, or a list of rows.
 
-    Text may be a name in the set, in `facts-damping list controllers` or of a run, `module:Class` or `file.py:Class`, a
+    Text may be a name in `known`, in `facts-damping list controllers` or of a run, `module:Class` or `file.py:Class`, a
     run file, an FMU, or a linear law. `where`: the argument, for errors. Raises `InputError`.
     """
     if isinstance(controller, dict):
         return str(controller.get("name", "controller")), [controller]
     if not isinstance(controller, str):
         return " + ".join(str(row.get("name", "controller")) for row in controller), list(controller)
-    if controller in case_set.content.controllers:
-        return controller, case_set.content.controllers[controller]
+    if controller in (known or {}):
+        return controller, (known or {})[controller]
     if controller in CONTROLLERS:
         return controller, [{"name": controller}]
     return controller, _of_text(controller, where)

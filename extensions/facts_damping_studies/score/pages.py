@@ -43,7 +43,7 @@ def answer(card: ScoreCard) -> list[str]:
         f"worse than no control: {harm}",
         f"synchronism lost in {card.lost} cases, without control in {card.lost_without_control}",
         f"taken off by a supervisor in {card.tripped} of {len(card.cases)} cases",
-        f"better than no control up to {delays(card)} more delay",
+        *([f"better than no control up to {delays(card)} more delay"] if has_delays(card) else []),
         f"mean setpoint {100 * card.effort:.1f} % of the limit; {duty}",
     ]
     if card.hunted is not None:
@@ -57,6 +57,11 @@ def worst_text(card: ScoreCard) -> str:
     """The worst hunted case: ITAE relative to no control, kind of the case and fault; - if there is none."""
     worst = None if card.hunted is None else card.hunted.worst
     return f"{worst.ratio:.3g} times ({worst.kind}, {worst.fault})" if worst is not None and worst.ratio else "-"
+
+
+def has_delays(card: ScoreCard) -> bool:
+    """Whether its set has kinds of cases with more delay."""
+    return any(kind.startswith("delay ") for kind in card.kinds)
 
 
 def delays(card: ScoreCard) -> str:
@@ -80,32 +85,30 @@ def kinds_table(card: ScoreCard, *, markdown: bool = False) -> list[str]:
     return table(heads, rows, 1, markdown=markdown)
 
 
-RANKING = ("controller", "score", "index relative to no control", "lost", "tripped", "helps to a delay of", "harm")
 WORST = "ITAE in the worst hunted case"  # the last column, if cases were hunted
 
 
 def ranking_table(cards: Sequence[ScoreCard], *, markdown: bool = False) -> list[str]:
     """A row for each card, and one for no control."""
-    rows = [
-        [
-            card.controller,
-            f"{card.score:.1f}",
-            change_text(card.change),
-            card.lost,
-            card.tripped,
-            delays(card),
-            _harm(card) or "-",
-        ]
-        for card in cards
-    ]
-    at = next((i for i, card in enumerate(cards) if card.score < 0.0), len(cards))
-    rows.insert(at, [NONE, "0", "", cards[0].lost_without_control, "", "", ""])
+    columns: dict[str, list[Any]] = {
+        "controller": [card.controller for card in cards],
+        "score": [f"{card.score:.1f}" for card in cards],
+        "index relative to no control": [change_text(card.change) for card in cards],
+        "lost": [card.lost for card in cards],
+        "tripped": [card.tripped for card in cards],
+        "helps to a delay of": [delays(card) for card in cards],
+        "harm": [_harm(card) or "-" for card in cards],
+        WORST: [worst_text(card) for card in cards],
+    }
+    if not has_delays(cards[0]):
+        del columns["helps to a delay of"]
     if cards[0].hunted is None:
-        return table(RANKING, rows, 1, markdown=markdown)
-    worst = [worst_text(card) for card in cards]
-    worst.insert(at, "")
-    rows = [[*row, text] for row, text in zip(rows, worst, strict=True)]
-    return table([*RANKING, WORST], rows, 1, markdown=markdown)
+        del columns[WORST]
+    none = {"controller": NONE, "score": "0", "lost": cards[0].lost_without_control}
+    at = next((i for i, card in enumerate(cards) if card.score < 0.0), len(cards))
+    for name, values in columns.items():
+        values.insert(at, none.get(name, ""))
+    return table(list(columns), list(zip(*columns.values(), strict=True)), 1, markdown=markdown)
 
 
 def _harm(card: ScoreCard) -> str:

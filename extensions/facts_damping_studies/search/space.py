@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from facts_damping.control.parameter_tables import Range, four_digits
+from facts_damping.control.table import kind
+from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import has_dilation
+from facts_damping.parameters.field_errors import short
+from facts_damping.simulation.programs.user_code import find
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -137,3 +142,38 @@ class Space(NamedTuple):
 
 def _numbers_of_lists(numbers: dict[str, list[float]]) -> dict[str, Value]:
     return {name: values[0] if len(values) == 1 else values for name, values in numbers.items()}
+
+
+class StatedSpace(NamedTuple):
+    """The search space of a user's own class, which states it: `search = {"gain": (1.0, 200.0)}`."""
+
+    ranges: dict[str, Range]
+
+    def parameters(self, at: NDArray[np.float64], _plant: Residues, _limit: float) -> dict[str, Value]:
+        """Parameters at a point, coordinates from 0 to 1."""
+        return {name: each.value(float(v)) for (name, each), v in zip(self.ranges.items(), at, strict=True)}
+
+
+def space_of(controller: Mapping[str, Any]) -> Space | StatedSpace:
+    """The search space of a row of a run's controllers. Raises `InputError` for a class that states a wrong one."""
+    if controller.get("policy") is not None:
+        return StatedSpace(_stated(str(controller["policy"])))
+    row = kind(controller["name"])
+    return Space(row, controller.get("scheme"), controller["signals"][: row.signals], controller["devices"])
+
+
+def _stated(policy: str) -> dict[str, Range]:
+    """The ranges in `search` of a class; a range of positive numbers over a decade or more has a logarithmic scale."""
+    stated, ranges = getattr(find(policy, "CONTROLLER"), "search", None) or {}, {}
+    allowed = 'allowed: a range of each parameter, {"gain": (1.0, 200.0)}'
+    if not isinstance(stated, dict):
+        raise InputError(f"{policy}: search = {short(stated)} given; {allowed}")
+    for name, ends in stated.items():
+        try:
+            low, high = map(float, ends)
+        except (TypeError, ValueError):
+            low = high = math.nan
+        if not low < high or math.isinf(high - low):
+            raise InputError(f"{policy}: search: {name}: {short(ends)} given; {allowed}")
+        ranges[str(name)] = Range(low, high, logarithmic=low > 0.0 and high >= 10.0 * low)
+    return ranges

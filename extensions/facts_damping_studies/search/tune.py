@@ -22,15 +22,17 @@ from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller, Tuned, TunedController
+from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.simulation.assembly import build_control, plant_residues
+from facts_damping.small_signal import residues as small_signal
 from facts_damping_studies.search.optimisers import differential_evolution
-from facts_damping_studies.search.space import Space
+from facts_damping_studies.search.space import Space, space_of
 from facts_damping_studies.sweeps.enumerated_axes import SCENARIO, Scheme, every_scheme
 from facts_damping_studies.sweeps.pool import run_all
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -57,11 +59,26 @@ class TuningTask(NamedTuple):
 
 
 class Job(NamedTuple):
-    """One search: a controller and its scheme."""
+    """One search: training cases without control, a controller's row without its parameters, budget and seed."""
 
-    task: TuningTask
-    name: str
-    scheme: Scheme
+    cases: Sequence[Case]
+    controller: dict[str, Any]
+    budget: int  # runs
+    seed: int
+    population: int = POPULATION
+    weights: Sequence[float] = (1.0,)  # of the cases' objectives
+    mode_hz: float | None = None  # of the mode whose residue gives scale and sign of gains; None: the least damped
+    start: Mapping[str, Value] = {}
+
+
+def job(task: TuningTask, name: str, scheme: Scheme) -> Job:
+    """The search of a task for a controller and its scheme."""
+    fields = {"system": task.system, "scenario": task.scenario, "devices": task.devices, "controllers": []}
+    fields |= {} if task.measurement is None else {"measurement": task.measurement}
+    case = changed_case({}, f"tune {task.system}", {"profile": task.profile, **fields})
+    signals = task.signals[: kind(name).signals]
+    controller = {"name": name, "scheme": scheme, "devices": task.devices, "signals": signals}
+    return Job([case], controller, task.budget, task.seed, POPULATION)
 
 
 def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
@@ -74,32 +91,33 @@ def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
 
 
 class Trainer:
-    """The training scenario of a task, evaluated for a controller at any point of the search space."""
+    """The training cases, evaluated for a controller at any point of its search space."""
 
     def __init__(self, job: Job) -> None:
-        """Build the plant once."""
-        task, self.name, self.scheme, self.row = job.task, job.name, job.scheme, kind(job.name)
-        self.signals = task.signals[: self.row.signals]
-        fields = {"system": task.system, "scenario": task.scenario, "devices": task.devices, "controllers": []}
-        fields |= {} if task.measurement is None else {"measurement": task.measurement}
-        self.case = case = changed_case({}, f"tune {task.system}", {"profile": task.profile, **fields})
+        """Linearise the plant once."""
+        self.job, self.controller = job, job.controller
+        self.case = case = job.cases[0]
         residues = plant_residues(case)
         if residues is None:
             allowed = "a system whose machines swing"
-            raise InputError(f"SYSTEM: {task.system} has no electromechanical mode; allowed: {allowed}")
+            raise InputError(f"SYSTEM: {case.system.name} has no electromechanical mode; allowed: {allowed}")
         self.residues: Residues = residues
-        self.space = Space(self.row, self.scheme, self.signals, task.devices)
+        self.scaling: Residues = residues
+        if job.mode_hz is not None:
+            system, devices, rate = case.designed_on, case.run.devices, case.run.frame_rate
+            at_mode = small_signal.residues(build(system, devices, []), system, devices, rate, case.filter, job.mode_hz)
+            self.scaling = at_mode or residues
+        self.space = space_of(job.controller)
 
     def parameters(self, at: NDArray[np.float64]) -> dict[str, Value]:
         """Parameters at a point of the search space, coordinates from 0 to 1."""
-        limit = self.case.system.device(self.space.devices[0]).setpoint_max
-        return self.space.parameters(at, self.residues, limit)
+        limit = self.case.system.device(self.controller["devices"][0]).setpoint_max
+        return self.space.parameters(at, self.scaling, limit)
 
-    def with_parameters(self, values: dict[str, Value]) -> Case:
-        """The training case of the controller with these parameters."""
-        ports = {"devices": self.case.run.devices, "signals": self.signals}
-        controller = {"name": self.name, "scheme": self.scheme, **ports, "parameters": values}
-        content = {**self.case.document(), "controllers": [controller], "asked": None}
+    def with_parameters(self, values: dict[str, Value], case: Case | None = None) -> Case:
+        """A training case, by default the first, of the controller with these parameters."""
+        rows = [{**self.controller, "parameters": {**self.controller.get("parameters", {}), **values}}]
+        content = {**(case or self.case).document(), "controllers": rows, "asked": None}
         return make_case(content, f"tune {self.case.system.name}")
 
     def check(self) -> None:
@@ -107,11 +125,12 @@ class Trainer:
         build_control(self.with_parameters(self.parameters(np.full(len(self.space.ranges), 0.5))), self.residues)
 
     def objective(self, at: NDArray[np.float64]) -> float:
-        """The objective at a point of the search space."""
-        return objective(self.with_parameters(self.parameters(at)), self.residues)
+        """The weighted sum of the cases' objectives at a point of the search space."""
+        values, cases = self.parameters(at), zip(self.job.weights, self.job.cases, strict=True)
+        return sum(weight * objective(self.with_parameters(values, case), self.residues) for weight, case in cases)
 
 
-def objective(case: Case, plant: Residues) -> float:
+def objective(case: Case, plant: Residues | None) -> float:
     """ITAE plus cost of effort; for a run that loses synchronism, 1000 minus its duration."""
     record = loop.finish(case, loop.build_loop(case, plant))
     t = record.time_s
@@ -123,28 +142,45 @@ def objective(case: Case, plant: Residues) -> float:
     return performance_indices(t, judged)["ITAE"]
 
 
-def search(job: Job) -> TunedController:
-    """The best parameters within the budget of runs, by differential evolution from a Latin hypercube."""
+def uncontrolled(case: Case) -> float:
+    """The objective without control."""
+    alone = {**case.document(), "supervision": None, "arm_at": None, "asked": None}
+    return objective(make_case(alone, f"tune {case.system.name}"), None)
+
+
+def best(job: Job) -> tuple[dict[str, Value], float]:
+    """The best parameters within the budget of runs, and their objective.
+
+    Differential evolution from a Latin hypercube.
+    """
     trainer = Trainer(job)
-    start = _population(len(trainer.space.ranges), job.task.seed)
-    generations = max(1, job.task.budget // POPULATION)
-    optimum = differential_evolution(trainer.objective, start, generations, np.random.default_rng(job.task.seed))
-    reached = float(f"{optimum.value:.5g}")
-    values = trainer.parameters(optimum.best)
-    return TunedController(name=job.name, scheme=job.scheme, objective=reached, parameters=values)
+    start = _population(len(trainer.space.ranges), job.seed, job.population)
+    if job.start and isinstance(trainer.space, Space):
+        limit = trainer.case.system.device(job.controller["devices"][0]).setpoint_max
+        start[0] = trainer.space.place(job.start, trainer.scaling, limit)
+    generations = max(1, job.budget // (job.population * len(job.cases)))
+    optimum = differential_evolution(trainer.objective, start, generations, np.random.default_rng(job.seed))
+    return trainer.parameters(optimum.best), float(f"{optimum.value:.5g}")
 
 
-def _population(size: int, seed: int) -> NDArray[np.float64]:
+def search(job: Job) -> TunedController:
+    """The best parameters of a shipped controller within the budget of runs."""
+    values, reached = best(job)
+    name, scheme = job.controller["name"], job.controller["scheme"]
+    return TunedController(name=name, scheme=scheme, objective=reached, parameters=values)
+
+
+def _population(size: int, seed: int, points: int) -> NDArray[np.float64]:
     """A Latin hypercube of points."""
     random = np.random.default_rng(seed)
-    places = np.array([random.permutation(POPULATION) for _ in range(size)]).T
-    return np.asarray((places + random.random((POPULATION, size))) / POPULATION)
+    places = np.array([random.permutation(points) for _ in range(size)]).T
+    return np.asarray((places + random.random((points, size))) / points)
 
 
 def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> Tuned:
     """Search the parameters of every controller, several controllers in parallel."""
-    asked = [Job(task, name, scheme) for name, scheme in rows(names)]
-    trainers = [Trainer(job) for job in asked]
+    asked = [job(task, name, scheme) for name, scheme in rows(names)]
+    trainers = [Trainer(each) for each in asked]
     for trainer in trainers:
         trainer.check()
     tuned_controllers = run_all(search, asked, jobs, progress)

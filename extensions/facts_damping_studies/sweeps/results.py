@@ -13,6 +13,7 @@ import pyarrow as pa
 from pyarrow import csv, parquet
 
 from facts_damping.analysis.convergence import MARK
+from facts_damping.analysis.run_warnings import NOT_TUNED
 from facts_damping.input_files import share_folder
 from facts_damping.output.tables import table as text_table
 from facts_damping.output.writing import replacing, write_whole
@@ -107,7 +108,9 @@ def sweep_tables(rows: Rows, margins: Margins, fractions: Sequence[FractionRow],
 def shortcomings(rows: Rows, *, hints: bool = True) -> list[str]:
     """Lines on runs that did not do what was asked: control that did not act as intended, runs that are missing."""
     missing = missing_line(rows)
-    return [*outcome_lines(rows, hints=hints), *([] if missing is None else [missing])]
+    warnings = [row.figures.warnings.split("; ") for row in rows if row.figures and row.figures.warnings]
+    untuned = dict.fromkeys(line for lines in warnings for line in lines if NOT_TUNED in line) if hints else {}
+    return [*outcome_lines(rows, hints=hints), *untuned, *([] if missing is None else [missing])]
 
 
 def legend(margins: Margins) -> list[str]:

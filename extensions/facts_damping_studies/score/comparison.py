@@ -1,0 +1,200 @@
+"""Controllers compared on any grid: its cases are drawn, and controllers with parameters to choose are tuned for it.
+
+A device stands at a place, as in `design`. All controllers receive the same signal, by default the difference of
+frequencies, which PMUs report, with the largest residue for the least damped interarea mode. Where the link shifts frames further against
+each other than the supervisor allows, a phasor data concentrator (a stage `wait`) aligns them.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.case.changes import as_sets, change
+from facts_damping.case.loading import changed_case, read_system
+from facts_damping.errors import InputError, check_known
+from facts_damping.monitor_table import MONITORS
+from facts_damping.parameters.supervision import watches
+from facts_damping.signals import NANOSECONDS, NEVER
+from facts_damping.simulation import loop
+from facts_damping_studies.design import design, places
+from facts_damping_studies.score.card import Set, set_of
+from facts_damping_studies.score.case_drawing import KINDS, CaseDraws, drawn_cases, meshed_lines
+from facts_damping_studies.sweeps.pool import run_all
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from facts_damping.case.model import Case
+    from facts_damping.parameters.plant.system import System
+    from facts_damping.small_signal.eigenmodes import Eigenmode
+    from facts_damping_studies.design.places import Place
+    from facts_damping_studies.score.card import Controllers
+
+LINES = 4  # least number of lines that faults are drawn from, if there are so many
+PROFILE = "measured"
+DURATION_S = 10.5
+MISALIGNED = "misaligned"  # the monitor of frames that are apart
+ALIGNED = 0.99  # quantile of the time between a frame's first and last entry for which the concentrator waits
+STEP_S = 0.005  # of its wait
+
+
+class Comparison(NamedTuple):
+    """What is compared on: grid, place of the device, signal, link, profile, number and seed of the cases."""
+
+    system: str
+    sets: list[str] = []  # noqa: RUF012 (never changed)
+    place: str | None = None  # a line, a bus, a machine, or a device of the system; None: its first device, or the best
+    signal: str | None = None  # None: the best difference of frequencies
+    link: str | None = None  # None: the profile's
+    profile: str = PROFILE
+    cases: int = 20
+    seed: int = 1
+
+
+class Ground(NamedTuple):
+    """What all controllers are compared on: content of the case set without controllers, and how it came about."""
+
+    content: dict[str, Any]
+    training: list[Case]  # on which controllers are tuned, without controllers: one of each kind
+    place: Place
+    signal: str
+    mode: Eigenmode  # for which place and signal were chosen
+    residue: complex  # of the mode, 1/s
+    wait_s: float  # of the data concentrator; 0: none
+
+
+def ground(comparison: Comparison, jobs: int, tell: design.Tell) -> Ground:
+    """Choose place, signal and alignment, and draw the cases. Raises `InputError`."""
+    system, place, signal, mode, residue, lines = _placed(comparison, jobs, tell)
+    content = system.model_dump(by_alias=True, exclude_defaults=True)
+    run: dict[str, Any] = {"system": content, "scenario": [], "devices": [place.device.name], "controllers": []}
+    fields: dict[str, Any] = {"profile": comparison.profile, "duration": DURATION_S}
+    fields |= {} if comparison.link is None else {"link": comparison.link}
+    fields["link"] = changed_case(deepcopy(run), system.name, fields).link.model_dump()
+    ports = {"devices": run["devices"], "signals": [signal]}
+    idle = {"name": "LLC", **ports, "parameters": {"gain": 0.0}}
+    wait_s = _wait_s(deepcopy({**run, "controllers": [idle]}), fields)
+    if wait_s:
+        fields["link"]["up"].append({"stage": "alignment", "model": "wait", "wait": wait_s})
+    change(run, fields, as_sets(fields))
+    draws = CaseDraws(run, system, lines, comparison.seed)
+    training = drawn_cases(draws, len(KINDS), tell("compare", "training cases"), training=True)
+    described = {
+        "description": f"{system.name} with {place.label}, by facts-damping compare",
+        "version": str(comparison.seed),
+        "run": {name: value for name, value in run.items() if name != "controllers"},
+        **ports,
+        "kinds": KINDS,
+        "cases": drawn_cases(draws, comparison.cases, tell("compare", "cases")),
+    }
+    cases = [changed_case(deepcopy(run), system.name, row["set"]) for row in training]
+    return Ground(described, cases, place, signal, mode, residue, wait_s)
+
+
+class Placed(NamedTuple):
+    """A system with a device and a signal."""
+
+    system: System
+    place: Place
+    signal: str
+    mode: Eigenmode
+    residue: complex
+    lines: list[str]  # those whose flow swings most in the mode, and whose trip splits nothing
+
+
+def _placed(comparison: Comparison, jobs: int, tell: design.Tell) -> Placed:
+    """The device and the signal with the largest effect on the mode, among those that are allowed."""
+    bare = read_system(comparison.system, comparison.sets)
+    task = design.Task(comparison.system, comparison.sets, damping=1.0, delay=0.0, profile=comparison.profile)
+    modes, target = design.listed_modes(task, bare)
+    system = places.with_signals(bare, modes, task.channel)
+    candidates = places.places(bare)
+    present = [candidate for candidate in candidates if candidate.own]
+    if comparison.place is not None:
+        check_known("--place", comparison.place, sorted({name for candidate in candidates for name in candidate.names}))
+        candidates = [candidate for candidate in candidates if comparison.place in candidate.names]
+    elif present:
+        candidates = present[:1]
+    names = [name for name, signal in system.signals.items() if signal.channel == task.channel]
+    if comparison.signal is not None:
+        check_known("--signal", comparison.signal, list(system.signals))
+        names = [comparison.signal]
+    narrow = places.only(system, list(dict.fromkeys([*names, *bare.signals])), bare)
+    trials = [places.Trial(narrow, candidate, modes) for candidate in candidates]
+    tried = run_all(places.tried, trials, jobs, tell("compare", "places"))
+    effects = [
+        (float(abs(attempt.residue[target, s]) * attempt.place.device.setpoint_max), i, name)
+        for i, attempt in enumerate(tried)
+        for s, name in enumerate(narrow.signals)
+        if name in names and np.isfinite(attempt.residue[target, s])
+    ]
+    if not effects:
+        reason = next((f" ({attempt.why_not})" for attempt in tried if attempt.why_not), "")
+        problem = f"{comparison.place or 'any place'} given, where the mode is not found again{reason}"
+        raise InputError(f"--place: {problem}; allowed: another place")
+    _, best, signal = max(effects)
+    place, wanted = candidates[best], list(dict.fromkeys([*bare.signals, signal]))
+    lines = _swinging(system, modes[target], meshed_lines(system, place.at))
+    if not lines:
+        raise InputError(f"--system: {system.name} given, where each trip splits the grid; allowed: one with a mesh")
+    placed = places.with_place(places.only(system, wanted, bare), place)
+    residue = complex(tried[best].residue[target, list(narrow.signals).index(signal)])
+    return Placed(placed, place, signal, modes[target], residue, lines)
+
+
+def _swinging(system: System, mode: Eigenmode, lines: Sequence[str]) -> list[str]:
+    """A quarter of some lines, at least `LINES`: those whose active power swings most in a mode."""
+    swing = dict(zip(system.signals, np.abs(places.seen(system, [mode])[0]), strict=True))
+    line_of_pmu = {pmu.name: pmu.branches[0] for pmu in system.pmus if len(pmu.branches) == 1}
+    flows = {
+        line_of_pmu.get(next(iter(signal.weights)), ""): swing[name]
+        for name, signal in system.signals.items()
+        if signal.channel == places.FLOW and len(signal.weights) == 1
+    }
+    return sorted(lines, key=lambda line: -flows.get(line, 0.0))[: max(LINES, len(lines) // 4)]
+
+
+def _wait_s(run: dict[str, Any], fields: Mapping[str, Any]) -> float:
+    """How long a concentrator must wait, s; 0 if the supervisor is content with the link as it is.
+
+    Found in a run without events, in which nothing is controlled.
+    """
+    case = changed_case(run, "compare", fields)
+    watch = None if case.supervision is None else watches(case.supervision).get(MISALIGNED)
+    if watch is None or not watch.follows:
+        return 0.0
+    record = loop.run(case)
+    apart = record.supervision["values"][:, list(MONITORS).index(MISALIGNED)]
+    if not (apart > watch.limit).any():
+        return 0.0
+    used = [
+        i for i, pmu in enumerate(record.pmus) if pmu in case.system.signals[case.controllers[0].signals[0]].weights
+    ]
+    rows = record.delivered[np.isin(record.delivered["pmu"], used)]
+    measured_ns, frame = np.unique(rows["measured_ns"], return_inverse=True)
+    first, last = np.full(len(measured_ns), NEVER), np.zeros(len(measured_ns), np.int64)
+    np.minimum.at(first, frame, rows["arrival_ns"])
+    np.maximum.at(last, frame, rows["arrival_ns"])
+    wait_s = float(np.quantile(last - first, ALIGNED)) / NANOSECONDS
+    return float(round(STEP_S * np.ceil(wait_s / STEP_S), 3))
+
+
+def case_set_of(ground: Ground, entrants: Mapping[str, Controllers]) -> Set:
+    """The set of cases with its controllers."""
+    content = ground.content | {"controllers": dict(entrants), "beside": list(entrants)[1:] or list(entrants)}
+    return set_of(f"{ground.training[0].system.name}, seed", content, "compare")
+
+
+def ground_text(ground: Ground, entrants: Mapping[str, Controllers], given: Mapping[str, Controllers]) -> list[str]:
+    """Lines: place, signal, link, and the parameters that were tuned."""
+    name = ground.training[0].system.name
+    aligned = f", a data concentrator waits up to {1e3 * ground.wait_s:.0f} ms" if ground.wait_s else ""
+    lines = [f"{name}: {ground.place.label}, controllers receive {ground.signal}{aligned}"]
+    for name, rows in entrants.items():
+        if rows[0].get("parameters") != given[name][0].get("parameters"):
+            values = ", ".join(f"{key} {value}" for key, value in rows[0]["parameters"].items())
+            lines.append(f"{name} tuned: {values}")
+    return lines
