@@ -170,7 +170,6 @@ def with_signals(system: System, modes: Sequence[Eigenmode], channel: Channel = 
         if m.name not in pmus:
             pmus[m.name] = _free(m.name, used)
             more.append(Pmu(name=pmus[m.name], machine=m.name))
-    letter = "w" if speed == SPEED else "f"
     weights = {
         "_".join([letter, *names]): dict(zip([pmus[name] for name in names], (1.0, -1.0), strict=False))
         for names in _opposed(modes)

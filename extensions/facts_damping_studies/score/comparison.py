@@ -1,8 +1,9 @@
 """Controllers compared on any grid: its cases are drawn, and controllers with parameters to choose are tuned for it.
 
 A device stands at a place, as in `design`. All controllers receive the same signal, by default the difference of
-frequencies, which PMUs report, with the largest residue for the least damped interarea mode. Where the link shifts frames further against
-each other than the supervisor allows, a phasor data concentrator (a stage `wait`) aligns them.
+frequencies (speeds, where PMUs report them) with the largest residue for the least damped interarea mode. Where the
+link shifts frames further against each other than the supervisor allows, a phasor data concentrator (a stage `wait`)
+aligns them.
 """
 
 from __future__ import annotations
