@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
 
-
 LARGE = 100  # machines, infinite buses and ports, above which factors are faster than a dense matrix
 
 
@@ -233,13 +232,7 @@ def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> 
     """The inputs of block controls at the start, p.u. of the machine's rating."""
     v, i = (complex(phasor) for phasor in times([voltage, current], rect(1.0, math.pi / 2 - float(start.states[0]))))
     power = v.real * i.real + v.imag * i.imag
-    sensed = {
-        "Vt": magnitude(v),
-        "Pe": power,
-        "Pa": start.power - power,
-        "Ifd": start.field_voltage,
-        "Pm": start.power,
-    }
+    sensed = {"Vt": magnitude(v), "Pe": power, "Pa": start.power - power, "Ifd": start.field_voltage, "Pm": start.power}
     return sensed | {"Vd": v.real, "Vq": v.imag, "Id": i.real, "Iq": i.imag}
 
 
