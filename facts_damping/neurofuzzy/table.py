@@ -153,14 +153,11 @@ CONSEQUENTS |= rows("consequents", Consequent, CONSEQUENTS)
 MEMBERSHIP_FUNCTIONS = list(dict.fromkeys(row.function for row in ANTECEDENTS.values()))
 CONSEQUENT_FUNCTIONS = list(dict.fromkeys(row.function for row in CONSEQUENTS.values()))
 
-
 # Networks of identifiers (table C.2).
 IDENTIFIERS = {"ANFTSI": ("gaussian", "singleton"), "ANFGuMoI": ("gaussian", "morlet")}
 
-
 # Consequents of the thesis's networks with several outputs, (6.4), (6.9).
 MIMO_FORM = {"singleton": "affine"}
-
 
 VARIANTS = {
     "ANFTSC": Variant("gaussian", "singleton", "ANFTSI"),

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
 
-
 LARGE = 100  # machines, infinite buses and ports, above which factors are faster than a dense matrix
 
 

@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 
 NEGLIGIBLE = 0.02  # participation of a state in a mode below which it is not listed, or a quarter of the largest
 
-
 SWING_FRACTION = 0.5  # least participation of rotor angles and speeds in an electromechanical mode
-
 
 COMMON_FRACTION = 0.2  # the same for a mode with all machines in phase, in which governors participate
 

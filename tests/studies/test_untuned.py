@@ -52,11 +52,11 @@ def test_defaults_on_another_grid_are_said_also_of_what_was_recorded(grid: str, 
     assert untuned(recorded_case(case.document(), "recording").document()) == [line]
 
 
-@pytest.mark.parametrize("given", ["controllers.0.parameters.gain=10", "controllers.0.policy=mine.py:Mine"])
-def test_given_parameters_and_classes_are_no_finding(grid: str, given: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("field", ["controllers.0.parameters.gain=10", "controllers.0.policy=mine.py:Mine"])
+def test_given_parameters_and_classes_are_no_finding(grid: str, field: str, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("class Mine:\n    def step(self, t, y):\n        return 0.0\n")
-    sets = [f"system={grid}", "scenario=event.yaml", given]
-    case = load_case(None, [*sets, *(["controllers.0.name=mine"] if "policy" in given else [])])
+    sets = [f"system={grid}", "scenario=event.yaml", field]
+    case = load_case(None, [*sets, *(["controllers.0.name=mine"] if "policy" in field else [])])
     assert not untuned(case.document())
 
 

@@ -266,18 +266,18 @@ def _pair(
 def _written(ranking: Ranking) -> tuple[dict[str, Any], dict[str, Any]]:
     """Content of the system's file with the device and the signal, and content of the run's file."""
     task, chosen, original = ranking.task, ranking.chosen, ranking.bare
-    taken = ranking.tried[chosen.tried].place
+    location = ranking.tried[chosen.tried].place
     names = {pmu.name for pmu in original.pmus}
     more = [pmu for pmu in ranking.system.pmus if pmu.name not in names]
     whole = original.model_copy(update={"pmus": [*original.pmus, *more], "signals": ranking.system.signals})
     wide = places.only(whole, list(dict.fromkeys([*original.signals, chosen.signal])), original)
-    content = places.with_place(wide, taken).model_dump(by_alias=True, exclude_defaults=True)
+    content = places.with_place(wide, location).model_dump(by_alias=True, exclude_defaults=True)
     half = {"stage": "network", "model": "constant", "delay": task.delay / 2}
     run = {
         "description": f"{original.name}, lead-lag by facts-damping design",
         **({} if task.profile == DEFAULT_PROFILE else {"profile": task.profile, "measurement": task.measurement}),
-        "devices": [taken.device.name],
-        "controllers": [{"name": "LLC", "devices": [taken.device.name], "signals": [chosen.signal]}],
+        "devices": [location.device.name],
+        "controllers": [{"name": "LLC", "devices": [location.device.name], "signals": [chosen.signal]}],
         "link": {"up": [half], "down": [dict(half)]} if task.delay > 0.0 else "ideal",
         "frame_rate": FRAME_RATE,
     }
