@@ -1,4 +1,4 @@
-"""Pictures of studies: lines above them, their legend, how they are saved; and tables as CSV."""
+"""Pictures of studies: lines above them, their legend, how they are saved; tables as CSV; warnings as lines."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import itertools
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.analysis.run_warnings import untuned
 from facts_damping.output.picture_files import save_picture
 
 if TYPE_CHECKING:
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.figure import Figure
+
+    from facts_damping.case.model import Case
 
 DPI = 85
 PER_INCH = 13  # characters of a line above a picture
@@ -56,3 +59,8 @@ def as_csv(titles: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
         padded = [(*cell, *[""] * (len(columns) - len(cell))) for cell, columns in zip(cells, names, strict=True)]
         writer.writerow(itertools.chain(*padded))
     return text.getvalue()
+
+
+def untuned_lines(case: Case) -> list[str]:
+    """Lines about controllers that are not tuned for the system of a case."""
+    return [f"warning: {line}" for line in untuned(case.document())]

@@ -94,13 +94,13 @@ def test_link_that_shifts_frames_gets_a_concentrator_and_the_supervisor_is_conte
 def test_controllers_with_ranges_are_tuned_and_no_worse_in_training(ground: comparison.Ground, mine: str) -> None:
     """From the lead-lag for the mode on; a class by the ranges that it states; not what has its parameters."""
     fixed = {"name": "LLC", "parameters": {"gain": 5.0}}
-    given = {"mine": controllers_of(mine)[1], "LLC": [{"name": "LLC"}], "fixed": [fixed]}
-    entrants = tuning.tuned(ground, given, 15, 1, tell)
+    controllers = {"mine": controllers_of(mine)[1], "LLC": [{"name": "LLC"}], "fixed": [fixed]}
+    entrants = tuning.tuned(ground, controllers, 15, 1, tell)
     assert set(entrants["mine"][0]["parameters"]) == {"gain", "offset"}
     assert -0.001 <= entrants["mine"][0]["parameters"]["offset"] <= 0.001
     assert entrants["fixed"][0]["parameters"] == fixed["parameters"]
     assert float(entrants["LLC"][0]["parameters"]["gain"]) > 0.0  # the sign that damps the interarea mode
-    assert given["LLC"] == [{"name": "LLC"}]  # what was given is as it was
+    assert controllers["LLC"] == [{"name": "LLC"}]  # what was given is as it was
 
 
 @pytest.mark.parametrize(

@@ -189,13 +189,15 @@ def case_set_of(ground: Ground, entrants: Mapping[str, Controllers]) -> Set:
     return set_of(f"{ground.training[0].system.name}, seed", content, "compare")
 
 
-def ground_text(ground: Ground, entrants: Mapping[str, Controllers], given: Mapping[str, Controllers]) -> list[str]:
+def ground_text(
+    ground: Ground, entrants: Mapping[str, Controllers], controllers: Mapping[str, Controllers]
+) -> list[str]:
     """Lines: place, signal, link, and the parameters that were tuned."""
     name = ground.training[0].system.name
     aligned = f", a data concentrator waits up to {1e3 * ground.wait_s:.0f} ms" if ground.wait_s else ""
     lines = [f"{name}: {ground.place.label}, controllers receive {ground.signal}{aligned}"]
     for name, rows in entrants.items():
-        if rows[0].get("parameters") != given[name][0].get("parameters"):
+        if rows[0].get("parameters") != controllers[name][0].get("parameters"):
             values = ", ".join(f"{key} {value}" for key, value in rows[0]["parameters"].items())
             lines.append(f"{name} tuned: {values}")
     return lines

@@ -54,8 +54,8 @@ def tuned(
 
 
 def _is_open(row: Mapping[str, Any]) -> bool:
-    given = row.get("parameters") or any(row.get(field) for field in UNTUNED)
-    return not given and bool(space_of(row).ranges)
+    chosen = row.get("parameters") or any(row.get(field) for field in UNTUNED)
+    return not chosen and bool(space_of(row).ranges)
 
 
 def _start(ground: Ground, row: Mapping[str, Any]) -> dict[str, float]:
