@@ -30,7 +30,7 @@ def tune(arguments: argparse.Namespace) -> None:
     signals = read_profile(arguments.profile).given(arguments.signals.split(","))
     asked = arguments.budget, arguments.seed, arguments.measurement, arguments.profile, arguments.scenario
     task = study.TuningTask(arguments.system, devices, signals, *asked)
-    with Progress("tune", "controllers") as progress:
+    with Progress("tune", "runs") as progress:
         tuned = study.tune(task, arguments.controllers, arguments.jobs, progress)
     text = dump(study.document(tuned))
     if arguments.out is not None:

@@ -27,7 +27,7 @@ KINDS = {
     TRIP: "a fault on a line, for 50 to 100 ms, cleared by its trip for good",
     STEP: "a step of 5 to 15 % of a load or of a mechanical power",
 }
-START_S = 2.0  # of events
+START_S = 1.0  # of events
 TRIES = 20  # draws without a power flow solution, after which a grid is refused
 
 

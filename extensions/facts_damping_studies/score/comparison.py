@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 LINES = 4  # least number of lines that faults are drawn from, if there are so many
 PROFILE = "measured"
-DURATION_S = 10.5
+DURATION_S = 9.2  # of a case: 8 s after its last event
 MISALIGNED = "misaligned"  # the monitor of frames that are apart
 ALIGNED = 0.99  # quantile of the time between a frame's first and last entry for which the concentrator waits
 STEP_S = 0.005  # of its wait

@@ -11,7 +11,6 @@ from facts_damping.parameters.run import Controller
 from facts_damping_studies.design import lead_lag
 from facts_damping_studies.search import tune
 from facts_damping_studies.search.space import space_of
-from facts_damping_studies.sweeps.pool import run_all
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -47,7 +46,7 @@ def tuned(
     for name in searched:
         (row,) = entrants[name]
         searches.append(tune.Job(cases, row, budget, SEED, population, weights, mode_hz, _start(ground, row)))
-    results = run_all(tune.best, searches, jobs, tell("compare", "controllers tuned"))
+    results = tune.in_parallel(tune.best, searches, jobs, tell("compare", "runs to tune"))
     for name, (parameters, _) in zip(searched, results, strict=True):
         entrants[name][0]["parameters"] = parameters
     return entrants

@@ -10,8 +10,11 @@ synchronism has the objective 1000 minus the time that it lasted.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from tempfile import TemporaryDirectory
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -41,6 +44,7 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
 
 POPULATION = 24
+POLL_S = 0.5  # between two looks at what is done
 RHO = 1e-4  # p.u. of speed, the cost of the device at its limit
 LOST = 1000.0  # objective of a run that loses synchronism at once
 
@@ -68,7 +72,18 @@ class Job(NamedTuple):
     population: int = POPULATION
     weights: Sequence[float] = (1.0,)  # of the cases' objectives
     mode_hz: float | None = None  # of the mode whose residue gives scale and sign of gains; None: the least damped
-    start: Mapping[str, Value] = {}
+    start: Mapping[str, Value] = {}  # parameters of one of the first points
+    done: str = ""  # file whose size is the number of runs done; empty: none
+
+    @property
+    def generations(self) -> int:
+        """Generations that the budget allows, at least one."""
+        return max(1, self.budget // (self.population * len(self.cases)))
+
+    @property
+    def runs(self) -> int:
+        """Runs of the first points and all generations."""
+        return self.generations * self.population * len(self.cases)
 
 
 def job(task: TuningTask, name: str, scheme: Scheme) -> Job:
@@ -126,8 +141,12 @@ class Trainer:
 
     def objective(self, at: NDArray[np.float64]) -> float:
         """The weighted sum of the cases' objectives at a point of the search space."""
-        values, cases = self.parameters(at), zip(self.job.weights, self.job.cases, strict=True)
-        return sum(weight * objective(self.with_parameters(values, case), self.residues) for weight, case in cases)
+        values, total = self.parameters(at), 0.0
+        for weight, case in zip(self.job.weights, self.job.cases, strict=True):
+            total += weight * objective(self.with_parameters(values, case), self.residues)
+            if self.job.done:
+                os.truncate(self.job.done, Path(self.job.done).stat().st_size + 1)
+        return total
 
 
 def objective(case: Case, plant: Residues | None) -> float:
@@ -158,9 +177,39 @@ def best(job: Job) -> tuple[dict[str, Value], float]:
     if job.start and isinstance(trainer.space, Space):
         limit = trainer.case.system.device(job.controller["devices"][0]).setpoint_max
         start[0] = trainer.space.place(job.start, trainer.scaling, limit)
-    generations = max(1, job.budget // (job.population * len(job.cases)))
-    optimum = differential_evolution(trainer.objective, start, generations, np.random.default_rng(job.seed))
+    optimum = differential_evolution(trainer.objective, start, job.generations, np.random.default_rng(job.seed))
     return trainer.parameters(optimum.best), float(f"{optimum.value:.5g}")
+
+
+T = TypeVar("T")
+
+
+def in_parallel(
+    function: Callable[[Job], T], searches: Sequence[Job], jobs: int, progress: Callable[[int, int], None]
+) -> list[T]:
+    """Results of searches, several in parallel. The progress counts their runs, by the sizes of a file for each."""
+    total, over = sum(each.runs for each in searches), Event()
+    with TemporaryDirectory() as folder:
+        files = [Path(folder) / str(i) for i in range(len(searches))]
+        for file in files:
+            file.touch()
+
+        def tell() -> None:
+            progress(min(total, sum(file.stat().st_size for file in files)), total)
+
+        def watch() -> None:
+            while not over.wait(POLL_S):
+                tell()
+
+        watching = Thread(target=watch, daemon=True)
+        watching.start()
+        try:
+            counted = [each._replace(done=str(file)) for each, file in zip(searches, files, strict=True)]
+            return run_all(function, counted, jobs, lambda *_: None)
+        finally:
+            over.set()
+            watching.join()
+            tell()
 
 
 def search(job: Job) -> TunedController:
@@ -183,7 +232,7 @@ def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[
     trainers = [Trainer(each) for each in asked]
     for trainer in trainers:
         trainer.check()
-    tuned_controllers = run_all(search, asked, jobs, progress)
+    tuned_controllers = in_parallel(search, asked, jobs, progress)
     default = Controller()
     more = [f"--devices {','.join(task.devices)}"] if task.devices != default.devices else []
     more += [f"--signals {','.join(task.signals)}"] if task.signals != default.signals else []
