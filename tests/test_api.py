@@ -214,21 +214,24 @@ class Gain:
     found = fd.sweep({{"run": "two_area_small", "sweep": [{{"rows": rows}}], "modes": False}}, jobs=2)
     print(found, found.rows[0]["error"])
 """
-AS_PROGRAMS = "import runpy, sys; [runpy.run_path(name, run_name='__main__') for name in sys.argv[1:]]"
-WITHIN = "<Sweep study: 2 runs, 2 failed> controllers.0.policy: bare.py:10: RunError: a sweep within a sweep given"
+AS_PROGRAM = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
+WITHIN = (
+    "controllers.0.policy: bare.py:10: RunError: a sweep within a sweep given; allowed: in a script, below if __name__"
+)
 
 
 def test_script_with_a_sweep_is_run_once(tmp_path: Path) -> None:
-    """Or, where its processes look for its class in it and find the sweep, it is said what to do."""
-    scripts = {"bare.py": "if True:", "guarded.py": 'if __name__ == "__main__":'}
+    """Or, where its processes look for its class in it and find the sweep, it is said what to do, before any run."""
+    scripts, completed = {"bare.py": "if True:", "guarded.py": 'if __name__ == "__main__":'}, []
     for name, begin in scripts.items():
         (tmp_path / name).write_text(SCRIPT.format(begin=begin))
-    command = [sys.executable, "-c", AS_PROGRAMS, *scripts]
-    completed = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert completed.stderr == ""
-    bare, guarded = completed.stdout.splitlines()
-    assert bare.startswith(WITHIN)
-    assert guarded == "<Sweep study: 2 runs> None"
+        command = [sys.executable, "-c", AS_PROGRAM, name]
+        completed.append(subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path))
+    bare, guarded = completed
+    assert (bare.returncode, bare.stdout) == (1, "")
+    assert "InputError: study: 2 of 2 different runs cannot be made" in bare.stderr
+    assert WITHIN in bare.stderr
+    assert (guarded.stdout, guarded.stderr) == ("<Sweep study: 2 runs> None\n", "")
 
 
 def test_modes_of_a_system() -> None:

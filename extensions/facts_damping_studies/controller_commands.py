@@ -54,7 +54,7 @@ def design(arguments: argparse.Namespace) -> None:
     system_path = Path(arguments.system)
     if folder is not None and system_path.exists() and system_path.resolve() == (folder / "system.yaml").resolve():
         raise InputError(f"--out {arguments.out}: given, would overwrite SYSTEM; allowed: another folder")
-    clean_up_first("nothing is written: `design` writes its files at its end")
+    clean_up_first()
     with _one_after_another() as tell:
         ranking = study.ranked(task, arguments.jobs, tell)
         say(arguments, *pages.ranking_text(ranking))

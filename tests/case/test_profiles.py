@@ -142,8 +142,8 @@ def test_model_may_be_another_file() -> None:
 @pytest.mark.parametrize(
     ("sets", "said"),
     [
-        (["profile=field"], "profiles: 'field' given; allowed: deployment, thesis"),
-        (["profile=[1]"], "--set profile=[1]: [1] given; allowed: deployment, thesis, or a YAML file"),
+        (["profile=field"], "profiles: 'field' given; allowed: deployment, measured, thesis"),
+        (["profile=[1]"], "--set profile=[1]: [1] given; allowed: deployment, measured, thesis, or a YAML file"),
         (["model=smib"], "model: pmus G1, TIE given; allowed: those of the system, G1, G2, G3, G4, TIE"),
         ([DEPLOYMENT, "tuning=mine", "controllers.0.name=LLC-tuned"], "'LLC-tuned' given, which is not tuned"),
     ],
@@ -157,5 +157,5 @@ def test_bad_input_is_one_line(sets: list[str], said: str) -> None:
 
 def test_profiles_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list", "profiles"]) == 0
-    text = capsys.readouterr().out
+    text = " ".join(capsys.readouterr().out.split())
     assert all(name in text and read_profile(name).description in text for name in shipped("profiles"))

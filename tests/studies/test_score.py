@@ -74,9 +74,13 @@ def test_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cas
     better = replace(right._card, score=5.0)
     ranked = ranking([wrong._card, better])
     rows = [line.split()[0] for line in ranking_table(ranked) if line[0] not in " -"][1:]
-    assert rows == ["LLC", "no", "tests.studies.test_score:WrongSign"]
+    assert rows[:2] == ["LLC", "no"]
+    assert "tests.studies.test_score:WrongSign".startswith(rows[2])  # the name may be wrapped
     table, _ = write_ranking(ranked, tmp_path)
-    assert [line.split(",")[0] for line in table.read_text().splitlines()[1:]] == ['"LLC"', f'"{rows[2]}"']
+    assert [line.split(",")[0] for line in table.read_text().splitlines()[1:]] == [
+        '"LLC"',
+        '"tests.studies.test_score:WrongSign"',
+    ]
 
 
 def test_card_is_the_same_on_any_number_of_cores_and_from_the_command(
