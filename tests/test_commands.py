@@ -58,6 +58,7 @@ SHORT = {
     "tune": ["--budget", "1"],
     "search": ["--budget", "1"],
     "score": ["--cases", "few_cases.yaml"],
+    "compare": ["--seeds", "3", "--budget", "0"],
     "campaign": ["--draws", "2", "--graphs", "0"],
 }
 GRAPHS = ("run", "replay")
