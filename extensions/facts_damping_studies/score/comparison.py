@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.case.changes import as_sets, change
 from facts_damping.case.loading import changed_case, read_system
 from facts_damping.errors import InputError, check_known
@@ -28,8 +29,11 @@ from facts_damping_studies.sweeps.pool import run_all
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from facts_damping.case.model import Case
     from facts_damping.parameters.plant.system import System
+    from facts_damping.record import Record
     from facts_damping.small_signal.eigenmodes import Eigenmode
     from facts_damping_studies.design.places import Place
     from facts_damping_studies.score.card import Controllers
@@ -37,6 +41,7 @@ if TYPE_CHECKING:
 LINES = 4  # least number of lines that faults are drawn from, if there are so many
 PROFILE = "measured"
 DURATION_S = 9.2  # of a case: 8 s after its last event
+CALM_S = 60.0  # of a run that shows what the supervisor says of the link
 MISALIGNED = "misaligned"  # the monitor of frames that are apart
 ALIGNED = 0.99  # quantile of the time between a frame's first and last entry for which the concentrator waits
 STEP_S = 0.005  # of its wait
@@ -65,6 +70,7 @@ class Ground(NamedTuple):
     mode: Eigenmode  # for which place and signal were chosen
     residue: complex  # of the mode, 1/s
     wait_s: float  # of the data concentrator; 0: none
+    tripped_by: str  # monitor that trips a controller over this link although it does nothing; empty: none
 
 
 def ground(comparison: Comparison, jobs: int, tell: design.Tell) -> Ground:
@@ -77,9 +83,7 @@ def ground(comparison: Comparison, jobs: int, tell: design.Tell) -> Ground:
     fields["link"] = changed_case(deepcopy(run), system.name, fields).link.model_dump()
     ports = {"devices": run["devices"], "signals": [signal]}
     idle = {"name": "LLC", **ports, "parameters": {"gain": 0.0}}
-    wait_s = _wait_s(deepcopy({**run, "controllers": [idle]}), fields)
-    if wait_s:
-        fields["link"]["up"].append({"stage": "alignment", "model": "wait", "wait": wait_s})
+    fields["link"], wait_s, tripped_by = _aligned({**run, "controllers": [idle]}, fields)
     change(run, fields, as_sets(fields))
     draws = CaseDraws(run, system, lines, comparison.seed)
     training = drawn_cases(draws, len(KINDS), tell("compare", "training cases"), training=True)
@@ -92,7 +96,7 @@ def ground(comparison: Comparison, jobs: int, tell: design.Tell) -> Ground:
         "cases": drawn_cases(draws, comparison.cases, tell("compare", "cases")),
     }
     cases = [changed_case(deepcopy(run), system.name, row["set"]) for row in training]
-    return Ground(described, cases, place, signal, mode, residue, wait_s)
+    return Ground(described, cases, place, signal, mode, residue, wait_s, tripped_by)
 
 
 class Placed(NamedTuple):
@@ -158,28 +162,50 @@ def _swinging(system: System, mode: Eigenmode, lines: Sequence[str]) -> list[str
     return sorted(lines, key=lambda line: -flows.get(line, 0.0))[: max(LINES, len(lines) // 4)]
 
 
-def _wait_s(run: dict[str, Any], fields: Mapping[str, Any]) -> float:
-    """How long a concentrator must wait, s; 0 if the supervisor is content with the link as it is.
+def _aligned(run: dict[str, Any], fields: Mapping[str, Any]) -> tuple[dict[str, Any], float, str]:
+    """The link, with a concentrator if the supervisor needs one; its wait, s (0: none); a monitor that trips even so.
 
-    Found in a run without events, in which nothing is controlled.
+    Found in calm runs, in which nothing is controlled. The wait is the `ALIGNED` quantile of the time between a frame's
+    first and last entry, or, if the supervisor trips with it, the longest time.
     """
-    case = changed_case(run, "compare", fields)
+    link, wait_s = deepcopy(fields["link"]), 0.0
+    record, tripped = _calm(run, {**fields, "link": link})
+    case = changed_case(deepcopy(run), "compare", fields)
     watch = None if case.supervision is None else watches(case.supervision).get(MISALIGNED)
     if watch is None or not watch.follows:
-        return 0.0
-    record = loop.run(case)
+        return link, 0.0, ""
     apart = record.supervision["values"][:, list(MONITORS).index(MISALIGNED)]
-    if not (apart > watch.limit).any():
-        return 0.0
-    used = [
-        i for i, pmu in enumerate(record.pmus) if pmu in case.system.signals[case.controllers[0].signals[0]].weights
-    ]
+    if not tripped and not (apart > watch.limit).any():
+        return link, 0.0, ""
+    spread_s = _spread_s(record, case)
+    for wait_s in (_up(float(np.quantile(spread_s, ALIGNED))), _up(float(spread_s.max()))):
+        link["up"] = [*fields["link"]["up"], {"stage": "alignment", "model": "wait", "wait": wait_s}]
+        _, tripped = _calm(run, {**fields, "link": link})
+        if not tripped:
+            break
+    return link, wait_s, tripped
+
+
+def _calm(run: dict[str, Any], fields: Mapping[str, Any]) -> tuple[Record, str]:
+    """A run without events, and the monitor that trips its controller; empty: none."""
+    record = loop.run(changed_case(deepcopy(run), "compare", {**fields, "duration": CALM_S}))
+    return record, next((cause for _, _, cause in trips(supervision(record, None))), "")
+
+
+def _spread_s(record: Record, case: Case) -> NDArray[np.float64]:
+    """Time from the first arrival of a frame's entries to the last, s, (frames,); of the PMUs of the signal."""
+    weights = case.system.signals[case.controllers[0].signals[0]].weights
+    used = [i for i, pmu in enumerate(record.pmus) if pmu in weights]
     rows = record.delivered[np.isin(record.delivered["pmu"], used)]
     measured_ns, frame = np.unique(rows["measured_ns"], return_inverse=True)
     first, last = np.full(len(measured_ns), NEVER), np.zeros(len(measured_ns), np.int64)
     np.minimum.at(first, frame, rows["arrival_ns"])
     np.maximum.at(last, frame, rows["arrival_ns"])
-    wait_s = float(np.quantile(last - first, ALIGNED)) / NANOSECONDS
+    return np.asarray((last - first) / NANOSECONDS)
+
+
+def _up(wait_s: float) -> float:
+    """A wait, rounded up to `STEP_S`."""
     return float(round(STEP_S * np.ceil(wait_s / STEP_S), 3))
 
 
@@ -196,6 +222,9 @@ def ground_text(
     name = ground.training[0].system.name
     aligned = f", a data concentrator waits up to {1e3 * ground.wait_s:.0f} ms" if ground.wait_s else ""
     lines = [f"{name}: {ground.place.label}, controllers receive {ground.signal}{aligned}"]
+    if ground.tripped_by:
+        text = "even if it does nothing; a profile of your own may allow more"
+        lines.append(f"warning: over this link the supervisor trips a controller by `{ground.tripped_by}` {text}")
     for name, rows in entrants.items():
         if rows[0].get("parameters") != controllers[name][0].get("parameters"):
             values = ", ".join(f"{key} {value}" for key, value in rows[0]["parameters"].items())
