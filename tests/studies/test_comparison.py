@@ -33,7 +33,7 @@ class Mine:
     def step(self, t_s, y, age_s, fresh):
         return [self.parameters.get("gain", 10.0) * y[0] + self.parameters.get("offset", 0.0)]
 """
-GAMMA = {"stage": "network", "model": "gamma", "delay": 0.05, "shape": 2.6, "scale": 0.03}
+GAMMA = {"stage": "network", "model": "gamma", "delay": 0.05, "shape": 2.6, "scale": 0.0175}
 JITTER = {"up": [GAMMA, {"stage": "network", "model": "in_order"}], "down": []}
 
 
@@ -80,15 +80,16 @@ def test_link_that_shifts_frames_gets_a_concentrator_and_the_supervisor_is_conte
     link.write_text(json.dumps(JITTER), encoding="utf-8")
     aligned = new_england(link=str(link))
     assert 0.05 < aligned.wait_s < 0.3
+    assert aligned.tripped_by == ""
     for up in (JITTER["up"], aligned.content["run"]["link"]["up"]):
         controller = {"name": "LLC", "devices": ["damper"], "signals": [aligned.signal], "parameters": {"gain": 0.0}}
-        run = {
-            **aligned.content["run"],
-            "link": {**aligned.content["run"]["link"], "up": up},
-            "controllers": [controller],
-        }
-        stopped = trips(supervision(loop.run(changed_case(run, "calm", {"duration": 10.0})), None))
+        run = {**aligned.content["run"], "link": {"up": up, "down": []}, "controllers": [controller]}
+        stopped = trips(supervision(loop.run(changed_case(run, "calm", {"duration": 60.0})), None))
         assert bool(stopped) == (up == JITTER["up"])
+    link.write_text(json.dumps({"up": [{**GAMMA, "scale": 0.05}, *JITTER["up"][1:]], "down": []}), encoding="utf-8")
+    late = new_england(link=str(link))
+    assert late.tripped_by in ("missing", "stale")
+    assert "warning: over this link the supervisor trips" in "\n".join(comparison.ground_text(late, {}, {}))
 
 
 def test_controllers_with_ranges_are_tuned_and_no_worse_in_training(ground: comparison.Ground, mine: str) -> None:
