@@ -217,7 +217,7 @@ def cause_code(name: str) -> int:
     return CODES[name] if name in CODES else _CODES_OF_CAUSES[name]
 
 
-def counted(cause: str, value: float) -> str:
+def count_text(cause: str, value: float) -> str:
     """A number of things in words, for a cause of COUNTED: `1 device blocked or released`."""
     thing, how = COUNTED[cause]
     return f"{value:.0f} {thing}{'' if value == 1.0 else 's'} {how}"
@@ -231,7 +231,7 @@ def reason_of(row: Any, thresholds: NDArray[Any], *, refused: bool = False) -> s
         value, limit = float(row["values"][code]), float(thresholds["limit"][code])
         if _NAMES[code] in COUNTED:
             then = "; re-arm released devices first" if refused and _NAMES[code] == "device" else ""
-            return f"{counted(_NAMES[code], value)}; allowed: {math.floor(limit) or 'none'}{then}"
+            return f"{count_text(_NAMES[code], value)}; allowed: {math.floor(limit) or 'none'}{then}"
         return f"{_NAMES[code]} ({monitor.description}): {value:.3g} {monitor.unit}; allowed: {limit:g}"
     texts = {
         NOT_PROBED: "no probe; allowed: after ~/probe",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from facts_damping.output.tables import WIDEST, counted, table
+from facts_damping.output.tables import WIDEST, table, with_counts
 
 HISTORY = "; ".join(f"armed at {i:.2f} s" for i in range(20))
 
@@ -20,4 +20,9 @@ def test_table_that_fits_has_a_line_for_each_row() -> None:
 
 
 def test_equal_lines_are_one_with_their_number() -> None:
-    assert counted(["GMIN is raised", "other", "GMIN is raised"]) == ["GMIN is raised (2 times)", "other"]
+    assert with_counts(["GMIN is raised", "other", "GMIN is raised"]) == ["GMIN is raised (2 times)", "other"]
+
+
+def test_empty_cells_columns_and_rows_stay() -> None:
+    rows = [["x", "1", ""], ["", "", ""], ["y", "2", ""]]
+    assert table(["a", "b", ""], rows, rule=False) == ["a  b", "x  1", "", "y  2"]

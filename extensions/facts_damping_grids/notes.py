@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from facts_damping.output.tables import some_of
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
 NAMED = 3  # elements of a common note that are named
 
@@ -17,12 +19,6 @@ class Note(NamedTuple):
     common: str
     kind: str
     element: str
-
-
-def some(names: Sequence[object]) -> str:
-    """The first names, and the number of the others."""
-    rest = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return ", ".join(map(str, names[:NAMED])) + rest
 
 
 def told(notes: Iterable[str | Note]) -> list[str]:
@@ -38,5 +34,5 @@ def told(notes: Iterable[str | Note]) -> list[str]:
             lines.append(first.alone)
         else:
             names = [note.element for note in (first, *others) if isinstance(note, Note)]
-            lines.append(f"{first.common} ({len(names)} {first.kind}: {some(names)})")
+            lines.append(f"{first.common} ({len(names)} {first.kind}: {some_of(names, NAMED)})")
     return lines

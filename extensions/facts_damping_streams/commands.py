@@ -54,7 +54,9 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
             say(arguments, *await serving.begin(servers, asked))
             put("", flush=True)
             with Progress("pmu-serve", "s") as progress:
-                timed = recorded.counted(recorded.instants(record, pdc, link), float(np.ptp(record.time_s)), progress)
+                timed = recorded.with_progress(
+                    recorded.instants(record, pdc, link), float(np.ptp(record.time_s)), progress
+                )
                 await recorded.play(servers, timed, each=asked.each)
         finally:
             for server in servers:

@@ -18,7 +18,10 @@ from facts_damping_studies.pages import untuned_lines
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from facts_damping_studies.score.card import Controllers, Set
+    from facts_damping_studies.score.score_card import ScoreCard
 
 
 def tune(arguments: argparse.Namespace) -> None:
@@ -133,22 +136,42 @@ def score(arguments: argparse.Namespace) -> None:
     with Progress("hunt", "controllers") as progress:
         cards = with_worst(case_set, cards, entrants, arguments.hunt, arguments.jobs, progress)
     ranked = card.ranking(cards)
-    documents = [each.document() for each in ranked]
-    write_json(arguments.json, {"ranking": documents} if arguments.controller is None else cards[0].document())
     if arguments.controller is not None:
-        say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
-    say(arguments, *pages.ranking_table(ranked))
-    for rows in entrants.values():
-        say(arguments, *untuned_lines(card.case_of(case_set, rows, 0)))
+        _tell_card(arguments, case_set, cards, entrants, folder)
+        return
+    write_json(arguments.json, {"ranking": [each.document() for each in ranked]})
+    say(arguments, *pages.ranking_table(ranked), *_untuned(case_set, entrants))
     if folder is not None:
-        single = arguments.controller is not None
-        paths = pages.write(case_set, cards, folder) if single else pages.write_ranking(ranked, folder)
-        say(arguments, *(f"written: {path}" for path in paths))
+        say(arguments, *(f"written: {path}" for path in pages.write_ranking(ranked, folder)))
+
+
+def _tell_card(
+    arguments: argparse.Namespace,
+    case_set: Set,
+    cards: Sequence[ScoreCard],
+    entrants: Mapping[str, Controllers],
+    folder: Path | None,
+) -> None:
+    """The first card, beside the others."""
+    from facts_damping_studies.score import card, pages
+
+    write_json(arguments.json, cards[0].document())
+    say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
+    say(arguments, *pages.ranking_table(card.ranking(cards)), *_untuned(case_set, entrants))
+    if folder is not None:
+        say(arguments, *(f"written: {path}" for path in pages.write(case_set, cards, folder)))
+
+
+def _untuned(case_set: Set, entrants: Mapping[str, Controllers]) -> list[str]:
+    """Lines about controllers that are not tuned for the system of a set."""
+    from facts_damping_studies.score import card
+
+    return [line for rows in entrants.values() for line in untuned_lines(card.case_of(case_set, rows, 0))]
 
 
 def compare(arguments: argparse.Namespace) -> None:
     """Compare controllers on any grid, on cases that are drawn for it."""
-    from facts_damping_studies.score import card, comparison, pages, tuning
+    from facts_damping_studies.score import card, comparison, tuning
     from facts_damping_studies.score.controllers import controllers_of
 
     names = ("system", "set", "place", "signal", "link", "profile", "seeds", "seed")
@@ -162,11 +185,8 @@ def compare(arguments: argparse.Namespace) -> None:
         entrants = tuning.tuned(ground, controllers, arguments.budget, arguments.jobs, tell)
         case_set = comparison.case_set_of(ground, entrants)
         cards = card.cards_of(case_set, entrants, arguments.jobs, tell("compare", "runs"))
-    write_json(arguments.json, cards[0].document())
     say(arguments, *comparison.ground_text(ground, entrants, controllers), "")
-    say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
-    say(arguments, *pages.ranking_table(card.ranking(cards)))
+    _tell_card(arguments, case_set, cards, entrants, folder)
     if folder is not None:
         write_whole(folder / "cases.yaml", dump(case_set.content.model_dump()))
-        paths = [*pages.write(case_set, cards, folder), folder / "cases.yaml"]
-        say(arguments, *(f"written: {path}" for path in paths))
+        say(arguments, f"written: {folder / 'cases.yaml'}")

@@ -22,7 +22,7 @@ from facts_damping.monitor_table import (
     STATES,
     TRIPPED,
     cause_name,
-    counted,
+    count_text,
 )
 from facts_damping.parameters.supervision import Supervision, watches
 from facts_damping.record import group_by
@@ -263,7 +263,7 @@ def cause_text(change: StateChange | Refusal) -> str:
     if value is None or limit is None:
         return f"{cause} is over" if cause in MONITORS and change.state == STATES[ARMED] else cause
     if cause in COUNTED:
-        return counted(cause, value)
+        return count_text(cause, value)
     unit = "" if change.unit == "-" else f" {change.unit}"
     for digits in DIGITS:
         shown, bound = (f"{number:.{digits}g}" for number in (value, limit))
@@ -290,15 +290,16 @@ def probe_text(probe: ProbeResult | None) -> str:
 
 def trips(histories: Sequence[SupervisorHistory]) -> list[tuple[float, str, str]]:
     """Time (s), controller and cause of each trip."""
-    return [(change.time_s, controller, change.cause) for controller, change in _tripping(histories)]
+    return [(change.time_s, controller, change.cause) for controller, change in tripping(histories)]
 
 
-def _tripping(histories: Sequence[SupervisorHistory]) -> list[tuple[str, StateChange]]:
+def tripping(histories: Sequence[SupervisorHistory]) -> list[tuple[str, StateChange]]:
+    """Each trip with its controller."""
     changes = [(history.controller, change) for history in histories for change in history.changes]
     return [(controller, change) for controller, change in changes if change.state == STATES[TRIPPED]]
 
 
 def tripped_texts(histories: Sequence[SupervisorHistory]) -> list[str]:
     """One line per tripped controller, about its last trip."""
-    last = dict(_tripping(histories))
+    last = dict(tripping(histories))
     return [f"{controller} was {change_text(change)}" for controller, change in last.items()]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.digest import digest
 from facts_damping.errors import DegradedError
-from facts_damping.output.tables import counted
+from facts_damping.output.tables import with_counts
 from facts_damping.output.terminal import note, show
 from facts_damping.output.writing import write_json
 
@@ -101,7 +101,7 @@ def report(
         write_json(str(folder / "result.json"), content)
     write_json(arguments.json, content)
     for name, record in named:
-        for line in counted(record.notes):
+        for line in with_counts(record.notes):
             note(f"{name}: {line}")
     for record, result in zip(records, results, strict=True):
         free = findings.run_to_compare(record, result.summary)

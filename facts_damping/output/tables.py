@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import textwrap
 from collections import Counter
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -31,7 +30,6 @@ def table(
     while sum(widths) + 2 * (len(widths) - 1) > WIDEST and max(widths) > NARROWEST:
         widths[widths.index(max(widths))] -= 1
     rules = [["-" * width for width in widths]] if rule else []
-    wrapped = partial(textwrap.wrap, subsequent_indent="  ", break_on_hyphens=False)
     shown = [cells[0], *rules, *cells[1:]] if any(titles) else cells[1:]
     return [
         "  ".join(
@@ -39,8 +37,15 @@ def table(
             for column, (cell, line, width) in enumerate(zip(row, lines, widths, strict=True))
         ).rstrip()
         for row in shown
-        for lines in itertools.zip_longest(*map(wrapped, row, widths), fillvalue="")
+        for lines in itertools.zip_longest(*map(_wrapped, row, widths), fillvalue="")
     ]
+
+
+def _wrapped(cell: str, width: int) -> list[str]:
+    """The lines of a cell."""
+    if len(cell) <= width:
+        return [cell]
+    return textwrap.wrap(cell, width, subsequent_indent="  ", break_on_hyphens=False)
 
 
 def some_of(names: Sequence[str], maximum: int = 8) -> str:
@@ -48,6 +53,6 @@ def some_of(names: Sequence[str], maximum: int = 8) -> str:
     return ", ".join(names[:maximum]) + (f" and {len(names) - maximum} more" if len(names) > maximum else "")
 
 
-def counted(lines: Iterable[str]) -> list[str]:
+def with_counts(lines: Iterable[str]) -> list[str]:
     """Each line once, with the number of equal ones."""
     return [line if count == 1 else f"{line} ({count} times)" for line, count in Counter(lines).items()]

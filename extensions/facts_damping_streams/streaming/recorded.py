@@ -40,7 +40,7 @@ def instants(record: Record, pdc: Pdc, link: int | None = None) -> Iterator[Time
         yield (int(record.time_ns[-1]) - int(record.time_ns[0])) / NANOSECONDS, instant
 
 
-def counted(timed: Iterator[Timed], last_s: float, progress: Callable[[int, int], object]) -> Iterator[Timed]:
+def with_progress(timed: Iterator[Timed], last_s: float, progress: Callable[[int, int], object]) -> Iterator[Timed]:
     """The same instants; `progress` is called with their time at each new second, and with the last time."""
     before = -1
     for at, instant in timed:

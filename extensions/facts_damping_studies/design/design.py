@@ -135,15 +135,10 @@ def ranked(task: Task, jobs: int, tell: Tell) -> Ranking:
     for kind in task.kinds:
         check_known("--kinds", kind, places.NEW_DEVICES)
     candidates = places.places(grid, task.kinds)
-    if task.place is not None:
-        check_known("--place", task.place, sorted({name for candidate in candidates for name in candidate.names}))
+    places.check_place(task.place, candidates)
     trials = [places.Trial(narrow, candidate, modes) for candidate in candidates]
     tried = run_all(places.tried, trials, jobs, tell("design", "places"))
-    pairs = _pairs(task, narrow, tried, modes, target)
-    if not pairs:
-        reason = next((f" ({attempt.why_not})" for attempt in tried if attempt.why_not), "")
-        problem = f"with a device at {task.place or 'any place'} the mode is not found again{reason}"
-        raise InputError(f"--place: {problem}; allowed: another place")
+    pairs = ranked_pairs(task, narrow, tried, modes, target)
     chosen = next((pair for pair in pairs if not pair.conflicts()), pairs[0])
     return Ranking(task, bare_system, system, modes, target, observability, tried, pairs, chosen)
 
@@ -231,8 +226,13 @@ def maximum(names: Sequence[str], values: Any, channel: str, system: System) -> 
     return sorted((n for n in names if system.signals[n].channel == channel), key=lambda name: -float(by_name[name]))
 
 
-def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[Eigenmode], target: int) -> list[Pair]:
-    """The pairs with the largest residue times device limit for the mode, at the requested place or signal if named."""
+def ranked_pairs(
+    task: Task, system: System, tried: Sequence[Tried], modes: Sequence[Eigenmode], target: int
+) -> list[Pair]:
+    """The pairs with the largest residue times device limit for the mode, at the requested place or signal if named.
+
+    Raises `InputError` if there is none.
+    """
     names = list(system.signals)
     speeds = [name for name in names if system.signals[name].channel == task.channel]
     wanted = speeds if task.signal is None else [task.signal]
@@ -243,6 +243,10 @@ def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[E
         for s, name in enumerate(names)
         if name in wanted and np.isfinite(attempt.residue[target, s])
     ]
+    if not worth:
+        reason = next((f" ({attempt.why_not})" for attempt in tried if attempt.why_not), "")
+        problem = f"with a device at {task.place or 'any place'} the mode is not found again{reason}"
+        raise InputError(f"--place: {problem}; allowed: another place")
     best = sorted(worth, reverse=True)[:PAIRS]
     delay = task.delay_with_filter(system.frequency)
     return [_pair(delay, tried[i], i, s, names[s], modes, target) for _, i, s in best]

@@ -18,7 +18,7 @@ import numpy as np
 
 from facts_damping.devices.base import AtMachine, Parallel, Series
 from facts_damping.devices.table import KINDS, MODELS
-from facts_damping.errors import FactsDampingError, one_line
+from facts_damping.errors import FactsDampingError, check_known, one_line
 from facts_damping.fields import usual_values
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.pmus import Pmu, Signal
@@ -114,6 +114,12 @@ def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
             data = usual_values(model) | {key: value * scale for key, value in relative.items()}
             new.append(Place(model(name=name, kind=kind, **{field: at}, **data), at, False))
     return [*present, *new]
+
+
+def check_place(name: str | None, candidates: Sequence[Place]) -> None:
+    """Raise `InputError` for a name that no candidate has; None: none is asked for."""
+    if name is not None:
+        check_known("--place", name, sorted({known for candidate in candidates for known in candidate.names}))
 
 
 def merged(system: System) -> System:

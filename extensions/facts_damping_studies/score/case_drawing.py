@@ -6,9 +6,8 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from facts_damping.analysis.grid_state import islands
 from facts_damping.case.loading import changed_case
 from facts_damping.devices.base import Series
 from facts_damping.errors import FactsDampingError, InputError, one_line
@@ -71,20 +70,10 @@ def _possible(draws: CaseDraws, kind: str, random: Random) -> dict[str, Any]:
 
 def meshed_lines(system: System, without: str = "") -> list[str]:
     """Lines whose trip leaves connected what was, without devices; not the line named `without`."""
-    index = {bus.name: i for i, bus in enumerate(system.buses)}
-    rows = [(line.name, index[line.from_bus], index[line.to_bus]) for line in system.lines]
-    rows += [(row.name, index[row.from_bus], index[row.to_bus]) for row in system.transformers]
-    devices = [device for device in system.devices if isinstance(device, Series)]
-    rows += [(d.name, index[d.ends[0]], index[d.ends[1]]) for d in devices if d.line is None]
-    held = {without, *(device.line for device in devices)}
-
-    def parts(out: str) -> int:
-        ends = np.array([(a, b) for name, a, b in rows if name != out], dtype=int).reshape(-1, 2).T
-        graph = coo_array((np.ones(ends.shape[1]), tuple(ends)), shape=(len(index), len(index)))
-        return int(connected_components(graph, directed=False, return_labels=False))
-
-    whole = parts("")
-    return [line.name for line in system.lines if line.name not in held and parts(line.name) == whole]
+    content = system.model_dump(by_alias=True)
+    held = {without, *(device.line for device in system.devices if isinstance(device, Series))}
+    whole = len(islands(content, frozenset()))
+    return [line.name for line in system.lines if line.name not in held and len(islands(content, {line.name})) == whole]
 
 
 def _case(draws: CaseDraws, kind: str, random: Random) -> dict[str, Any]:

@@ -113,41 +113,36 @@ class Placed(NamedTuple):
 def _placed(comparison: Comparison, jobs: int, tell: design.Tell) -> Placed:
     """The device and the signal with the largest effect on the mode, among those that are allowed."""
     bare = read_system(comparison.system, comparison.sets)
-    task = design.Task(comparison.system, comparison.sets, damping=1.0, delay=0.0, profile=comparison.profile)
+    task = design.Task(
+        comparison.system,
+        comparison.sets,
+        damping=1.0,
+        delay=0.0,
+        place=comparison.place,
+        signal=comparison.signal,
+        profile=comparison.profile,
+    )
     modes, target = design.listed_modes(task, bare)
     system = places.with_signals(bare, modes, task.channel)
     candidates = places.places(bare)
-    present = [candidate for candidate in candidates if candidate.own]
-    if comparison.place is not None:
-        check_known("--place", comparison.place, sorted({name for candidate in candidates for name in candidate.names}))
-        candidates = [candidate for candidate in candidates if comparison.place in candidate.names]
-    elif present:
-        candidates = present[:1]
-    names = [name for name, signal in system.signals.items() if signal.channel == task.channel]
-    if comparison.signal is not None:
-        check_known("--signal", comparison.signal, list(system.signals))
-        names = [comparison.signal]
+    places.check_place(task.place, candidates)
+    if task.place is not None:
+        candidates = [candidate for candidate in candidates if task.place in candidate.names]
+    elif any(candidate.own for candidate in candidates):
+        candidates = [candidate for candidate in candidates if candidate.own][:1]
+    if task.signal is not None:
+        check_known("--signal", task.signal, list(system.signals))
+    names = [name for name, signal in system.signals.items() if signal.channel == task.channel or name == task.signal]
     narrow = places.only(system, list(dict.fromkeys([*names, *bare.signals])), bare)
     trials = [places.Trial(narrow, candidate, modes) for candidate in candidates]
     tried = run_all(places.tried, trials, jobs, tell("compare", "places"))
-    effects = [
-        (float(abs(attempt.residue[target, s]) * attempt.place.device.setpoint_max), i, name)
-        for i, attempt in enumerate(tried)
-        for s, name in enumerate(narrow.signals)
-        if name in names and np.isfinite(attempt.residue[target, s])
-    ]
-    if not effects:
-        reason = next((f" ({attempt.why_not})" for attempt in tried if attempt.why_not), "")
-        problem = f"{comparison.place or 'any place'} given, where the mode is not found again{reason}"
-        raise InputError(f"--place: {problem}; allowed: another place")
-    _, best, signal = max(effects)
-    place, wanted = candidates[best], list(dict.fromkeys([*bare.signals, signal]))
+    best, *_ = design.ranked_pairs(task, narrow, tried, modes, target)
+    place, wanted = candidates[best.tried], list(dict.fromkeys([*bare.signals, best.signal]))
     lines = _swinging(system, modes[target], meshed_lines(system, place.at))
     if not lines:
         raise InputError(f"--system: {system.name} given, where each trip splits the grid; allowed: one with a mesh")
     placed = places.with_place(places.only(system, wanted, bare), place)
-    residue = complex(tried[best].residue[target, list(narrow.signals).index(signal)])
-    return Placed(placed, place, signal, modes[target], residue, lines)
+    return Placed(placed, place, best.signal, modes[target], best.residue, lines)
 
 
 def _swinging(system: System, mode: Eigenmode, lines: Sequence[str]) -> list[str]:

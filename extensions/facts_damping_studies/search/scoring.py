@@ -28,7 +28,7 @@ from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import make_case
 from facts_damping.errors import FactsDampingError, InputError, one_line
 from facts_damping.monitor_table import TRIPPED
-from facts_damping.output.tables import counted
+from facts_damping.output.tables import with_counts
 from facts_damping.output.terminal import note
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.profile import DEFAULT_PROFILE
@@ -124,7 +124,7 @@ def draws(
         except FactsDampingError as error:
             left_out.append(one_line(error))
     if left_out:
-        note(f"{plan.base.source}: draws left out, as they give no reference: {'; '.join(counted(left_out))}")
+        note(f"{plan.base.source}: draws left out, as they give no reference: {'; '.join(with_counts(left_out))}")
     if len(ensemble_draws) < number:
         raise InputError(
             f"{plan.base.source}: {len(ensemble_draws)} draws in synchronism given; allowed: at least {number}"

@@ -110,7 +110,7 @@ class Trainer:
 
     def __init__(self, job: Job) -> None:
         """Linearise the plant once."""
-        self.job, self.controller = job, job.controller
+        self.job = job
         self.case = case = job.cases[0]
         residues = plant_residues(case)
         if residues is None:
@@ -123,16 +123,16 @@ class Trainer:
             at_mode = small_signal.residues(build(system, devices, []), system, devices, rate, case.filter, job.mode_hz)
             self.scaling = at_mode or residues
         self.space = space_of(job.controller)
+        self.limit = float(case.system.device(job.controller["devices"][0]).setpoint_max)
 
     def parameters(self, at: NDArray[np.float64]) -> dict[str, Value]:
         """Parameters at a point of the search space, coordinates from 0 to 1."""
-        limit = self.case.system.device(self.controller["devices"][0]).setpoint_max
-        return self.space.parameters(at, self.scaling, limit)
+        return self.space.parameters(at, self.scaling, self.limit)
 
     def with_parameters(self, values: dict[str, Value], case: Case | None = None) -> Case:
         """A training case, by default the first, of the controller with these parameters."""
-        rows = [{**self.controller, "parameters": {**self.controller.get("parameters", {}), **values}}]
-        content = {**(case or self.case).document(), "controllers": rows, "asked": None}
+        controller = {**self.job.controller, "parameters": values}
+        content = {**(case or self.case).document(), "controllers": [controller], "asked": None}
         return make_case(content, f"tune {self.case.system.name}")
 
     def check(self) -> None:
@@ -175,8 +175,7 @@ def best(job: Job) -> tuple[dict[str, Value], float]:
     trainer = Trainer(job)
     start = _population(len(trainer.space.ranges), job.seed, job.population)
     if job.start and isinstance(trainer.space, Space):
-        limit = trainer.case.system.device(job.controller["devices"][0]).setpoint_max
-        start[0] = trainer.space.place(job.start, trainer.scaling, limit)
+        start[0] = trainer.space.place(job.start, trainer.scaling, trainer.limit)
     optimum = differential_evolution(trainer.objective, start, job.generations, np.random.default_rng(job.seed))
     return trainer.parameters(optimum.best), float(f"{optimum.value:.5g}")
 

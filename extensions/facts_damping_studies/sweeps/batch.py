@@ -17,12 +17,11 @@ from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.judging import AT_LIMITS
 from facts_damping.analysis.latency import ages_ms
 from facts_damping.analysis.summary import AUTO, summarise
-from facts_damping.analysis.supervision import trips
+from facts_damping.analysis.supervision import tripping, trips
 from facts_damping.caching import shared
 from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError, InputError, one_line
 from facts_damping.findings import NO_CONTROL, uncontrolled
-from facts_damping.monitor_table import STATES, TRIPPED
 from facts_damping.parameters.run import Run
 from facts_damping.simulation import loop, twins
 from facts_damping_studies.margins import criteria
@@ -199,9 +198,8 @@ def figures(record: Record, summary: Summary) -> RunFigures:
 
 def first_trip(summary: Summary) -> FirstTrip | None:
     """The first trip of a run; None: there is none."""
-    changes = [change for history in summary.supervision for change in history.changes]
-    tripped = [change for change in changes if change.state == STATES[TRIPPED]]
-    first = min(tripped, key=lambda change: change.time_s, default=None)
+    changes = [change for _, change in tripping(summary.supervision)]
+    first = min(changes, key=lambda change: change.time_s, default=None)
     return None if first is None else FirstTrip(*first[1:])
 
 

@@ -7,6 +7,7 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 from facts_damping.analysis.run_warnings import MOSTLY, NEVER_ARMED
+from facts_damping_studies.sweeps.enumerated_axes import NONE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
 
     Rows = Sequence[SweepRow]
 
-NONE = "none"  # controller of a run without control
 TRIPPED, AT_LIMITS = "tripped", "at its limits"
 WORDS = {
     NEVER_ARMED: f"a controller that was {NEVER_ARMED}",
