@@ -16,7 +16,10 @@ NODES = (
 )
 NODES_OF = {"streams": ("c37118_server", "c37118_client"), "views": ("cockpit", "live_view")}  # of WINGS
 # Packages beside the core, which finds what they add by entry points, as it finds that of other distributions.
-WINGS = {wing: f"{NAME}_{wing}" for wing in ("grids", "gym", "streams", "studies", "testing", "validation", "views")}
+WINGS = {
+    wing: f"{NAME}_{wing}"
+    for wing in ("grids", "gym", "library", "streams", "studies", "testing", "validation", "views")
+}
 
 # Wheels of ROS 2 by distribution: what runs, then what builds msg_defs, of which several are needed by others without
 # being declared there. They install modules of the same names, so an environment holds one distribution.
@@ -197,7 +200,9 @@ setup(
             *(f"{node} = {NAME}.nodes.executables:{node}" for node in NODES),
             *(f"{node} = {WINGS[wing]}.executables:{node}" for wing, nodes in NODES_OF.items() for node in nodes),
         ],
-        f"{NAME}.commands": [f"{wing} = {package}" for wing, package in WINGS.items() if wing != "gym"],
+        f"{NAME}.commands": [
+            f"{wing} = {package}" for wing, package in WINGS.items() if wing not in ("gym", "library")
+        ],
         f"{NAME}.nodes": [
             f"attacker = {WINGS['testing']}.attacker",
             *(f"{node} = {WINGS[wing]}.nodes.{node}" for wing, nodes in NODES_OF.items() for node in nodes),
@@ -208,6 +213,7 @@ setup(
         ],
         f"{NAME}.modules": [f"environment = {WINGS['gym']}", f"testing = {WINGS['testing']}.fixtures"],
         f"{NAME}.kernels": [f"gym = {WINGS['gym']}.many"],
+        f"{NAME}.machine_controls": [f"library = {WINGS['library']}:MODELS"],
         f"{NAME}.exports": [f"m = {WINGS['grids']}.matpower_writing:export"],
     },
 )

@@ -27,6 +27,7 @@ GROUPS = (
     "exports",
     "indices",
     "kernels",
+    "machine_controls",
     "modules",
     "nodes",
     "policies",

@@ -1,19 +1,21 @@
 """All controls that are tables of blocks, and unit, meaning and range of their fields by name.
 
-Sources: IEEE Std 421.5 (exciters, stabilisers); IEEE Committee Report, Dynamic Models for Steam and Hydro Turbines in
-Power System Studies, 1973 (governors); IEEE Committee Report, Excitation System Models for Power System Stability
-Studies, 1981 (EXST1, IEEEST); PSS/E Model Library.
+They come from installed packages, those of the PSS/E library from `facts_damping_library`.
 """
 
 from __future__ import annotations
 
+from facts_damping.errors import InputError
+from facts_damping.extensions import rows
 from facts_damping.machine_controls.blocks import Model, Quantity
-from facts_damping.machine_controls.exciters import EXCITERS
-from facts_damping.machine_controls.governors import GOVERNORS
-from facts_damping.machine_controls.stabilisers import STABILISERS
 
-MODELS: dict[str, Model] = {**EXCITERS, **GOVERNORS, **STABILISERS}
-
+MODELS: dict[str, Model] = {}
+for package, models in rows("machine_controls", dict).items():
+    if MODELS.keys() & models:
+        raise InputError(
+            f"machine_controls: {package}: {', '.join(MODELS.keys() & models)} given; allowed: other names"
+        )
+    MODELS |= models
 
 # What stands for `input` and `input_2` of a stabiliser by its code IC; 2 is the frequency of a bus, for which the speed
 # of the machine stands; 0: there is none.

@@ -1,0 +1,24 @@
+"""Controls of machines as in the PSS/E library, a file per model: a row of blocks with the constants of its record.
+
+`exciters`, `governors` and `stabilisers` have a file `name.py` with a `ROW` for each model: a new file is a new model.
+Sources: IEEE Std 421.5 (exciters, stabilisers); IEEE Committee Report, Dynamic Models for Steam and Hydro
+Turbines in Power System Studies, 1973 (governors); IEEE Committee Report, Excitation System Models for Power System
+Stability Studies, 1981 (EXST1, IEEEST); PSS/E Model Library.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING
+
+from facts_damping_library import exciters, governors, stabilisers
+
+if TYPE_CHECKING:
+    from facts_damping.machine_controls.blocks import Model
+
+MODELS: dict[str, Model] = {
+    name.upper(): importlib.import_module(f"{role.__name__}.{name}").ROW
+    for role in (exciters, governors, stabilisers)
+    for _, name, _ in iter_modules(role.__path__)
+}

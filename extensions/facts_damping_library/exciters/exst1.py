@@ -1,0 +1,22 @@
+"""EXST1."""
+
+from __future__ import annotations
+
+from facts_damping.machine_controls.blocks import Block, Model
+from facts_damping_library.parts import VOLTAGE_SEEN
+
+ROW = Model(
+    "exciter",
+    "IEEE type ST1 of 1981, a static exciter fed by the terminals",
+    "TR VIMAX VIMIN TC TB KA TA VRMAX VRMIN KC KF TF",
+    (
+        VOLTAGE_SEEN,
+        Block("VF", "rate", "VR", ("KF", "TF")),
+        Block("VI", "sum", "Vref + Vs - VT - VF", (), "VIMIN", "VIMAX"),
+        Block("VB", "lead_lag", "VI", (1.0, "TC", "TB")),
+        Block("VR", "lag", "VB", ("KA", "TA")),
+        Block("minimum", "sum", "VRMIN * Vt - KC * Ifd"),
+        Block("maximum", "sum", "VRMAX * Vt - KC * Ifd"),
+        Block("Efd", "sum", "VR", (), 1.0, 1.0, "minimum", "maximum"),
+    ),
+)
