@@ -42,8 +42,8 @@ class Machine(ParameterModel):
     model: Literal["classical", "two_axis", "cascade", "genrou", "gensal"] = Field(
         "genrou",
         description="`classical`: constant E' behind X'd; `two_axis`: transient circuits only; `cascade`: model of the "
-        "thesis, corrected; `genrou`: standard subtransient model with leakage reactance; `gensal`: with salient poles, "
-        "of which the field alone saturates",
+        "thesis, corrected; `genrou`: standard subtransient model with leakage reactance; `gensal`: with salient "
+        "poles, of which the field alone saturates",
     )
     P: float | None = quantity(None, "MW", "active power; not given for the slack machine", ge=-1e5, le=1e5)
     V: float = quantity(..., "p.u.", "terminal voltage", gt=0.5, le=1.5)

@@ -162,9 +162,11 @@ def rotor_circuits(m: Machine) -> RotorCircuits:
     """
     if m.Xq1 is not None or m.model == "classical":
         return MODELS[m.model](m)
-    names, A, B, C, W = MODELS[m.model](m.model_copy(update={"Xq1": m.Xq, "Tq01": 1.0}))
-    if m.model == "genrou" and m.Xq > m.Xq2:
-        W[3, 1] = -((m.Xq - m.Xl) ** 2) / (m.Xd - m.Xl) / (m.Xq - m.Xq2) / m.Tq02
+    salient: Any = m.model_copy(update={"Xq1": m.Xq, "Tq01": 1.0})
+    names, A, B, C, W = MODELS[m.model](salient)
+    if m.model == "genrou" and salient.Xq > salient.Xq2:
+        kq = (salient.Xq - salient.Xl) / (salient.Xd - salient.Xl)
+        W[3, 1] = kq / (C[1, 3] * salient.Tq02)
     used = [i for i, name in enumerate(names) if name != "Ed1"]
     return RotorCircuits([names[i] for i in used], A[np.ix_(used, used)], B[used], C[:, used], W[used])
 
@@ -281,7 +283,7 @@ def _saturated(row: NDArray[Any], psi: float) -> float:
     """S of a flux."""
     a, b = float(row["saturation_A"]), float(row["saturation_B"])
     if row["exponential"]:
-        return b * power(psi, a)
+        return float(b * power(psi, a))
     beyond = max(0.0, psi - a)
     return b * beyond * beyond / psi
 
