@@ -239,7 +239,7 @@ def _machines(
 
 def _machine(record: Dynamic, unit: Unit, where: str, notes: list[str | Note]) -> Row:
     model, order = MACHINES[record.model]
-    row: Row = {"model": model, "Ra": unit.row["ZR"], **_constants(record, order, where)}
+    row: Row = {"model": model, "Ra": unit.row["ZR"], "speed_torque": True, **_constants(record, order, where)}
     if record.model in EXPONENTIAL:
         text = "exponential saturation is taken as quadratic through the same two points"
         notes.append(_of_record(record, unit, where, text))

@@ -18,6 +18,7 @@ from facts_damping.plant.build import build
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping_grids.psse_conversion import import_case
+from tests.andes_cases import with_torques
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,7 +60,7 @@ def voltages(system: System) -> dict[str, complex]:
 
 def test_power_flow_and_all_modes_are_those_of_andes(tmp_path: Path) -> None:
     """Which counts states that cancel: of ours each has its own, of its some are at -1/T of such a block."""
-    system = imported(tmp_path, RAW.read_text(), DYR.read_text())
+    system = with_torques(imported(tmp_path, RAW.read_text(), DYR.read_text()))
     solved = voltages(system)
     for bus, (size, angle) in ANDES["voltages"].items():
         assert solved[f"B{bus}"] == pytest.approx(size * np.exp(1j * angle), abs=1e-6)

@@ -53,6 +53,11 @@ class Machine(ParameterModel):
     speed_voltage: bool = Field(
         False, description="true: the speed multiplies the EMF, as in PSTess; only without saturation"
     )
+    speed_torque: bool = Field(
+        False,
+        description="true: the speed divides the turbine's power, whose torque is (P - D w)/(1 + w), as in PSS/E; "
+        "false: this power is a torque",
+    )
     Xl: float | None = quantity(None, "p.u.", "leakage reactance", gt=0, le=2)
     Xd: float | None = quantity(None, "p.u.", "d-axis synchronous reactance", gt=0, le=10)
     Xd1: float | None = quantity(None, "p.u.", "d-axis transient reactance X'd", gt=0, le=5)
@@ -91,6 +96,10 @@ class Machine(ParameterModel):
             raise ValueError("S12: a classical machine has no saturation")
         if self.S12 > 0 and self.speed_voltage:
             raise ValueError("speed_voltage: true given; allowed: false with saturation")
+        if self.speed_voltage and self.speed_torque:
+            raise ValueError(
+                "speed_torque: true given; allowed: false with speed_voltage, which divides by the speed too"
+            )
         if self.S10 > 0 and self.S12 == 0:
             raise ValueError(f"S10 = {self.S10:g} needs S12 above it")
         if self.slack == (self.P is not None):
