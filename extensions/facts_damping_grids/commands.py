@@ -9,13 +9,24 @@ from facts_damping.errors import InputError
 from facts_damping.output.terminal import note
 from facts_damping.output.writing import write_text
 from facts_damping.parameters import files
+from facts_damping_grids.problems import CaseError
 
 if TYPE_CHECKING:
     import argparse
 
 
 def import_(arguments: argparse.Namespace) -> None:
-    """Write a system file from a MATPOWER or PSS/E case."""
+    """Write a system file from a MATPOWER or PSS/E case. All problems of a case are lines on standard error."""
+    try:
+        _import(arguments)
+    except CaseError as error:
+        *first, last = error.lines
+        for line in first:
+            note(f"facts-damping: {line}")
+        raise InputError(last) from error
+
+
+def _import(arguments: argparse.Namespace) -> None:
     from facts_damping_grids import matpower_reading, psse_conversion
     from facts_damping_grids.control_limits import widened
     from facts_damping_grids.text import document

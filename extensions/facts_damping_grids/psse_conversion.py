@@ -18,6 +18,7 @@ from facts_damping_grids import matpower_conversion
 from facts_damping_grids import psse_network as network
 from facts_damping_grids.matpower_conversion import Imported
 from facts_damping_grids.notes import Note, told
+from facts_damping_grids.problems import CaseError, problems_of
 from facts_damping_grids.psse_reading import Row, read_dyr, read_raw
 
 if TYPE_CHECKING:
@@ -106,12 +107,16 @@ def import_case(raw: Path, dyr: Path | None = None, *, inverters_as_loads: bool 
     try:
         imported = convert(case, dynamics, "" if dyr is None else dyr.name, inverters_as_loads=inverters_as_loads)
     except InputError as error:
-        text = str(error)
-        of_dyr = dyr is not None and text.startswith(f"{dyr.name}: ")
-        raise InputError(f"{dyr}: {text.partition(': ')[2]}" if of_dyr else f"{raw}: {text}") from error
+        raise CaseError(_with_path(text, raw, dyr) for text in problems_of(error)) from error
     check(System, imported.content, str(raw) if dyr is None else f"{raw} with {dyr}")
     notes = [note if dyr and note.startswith(dyr.name) else f"{raw.name}: {note}" for note in imported.notes]
     return imported._replace(notes=notes)
+
+
+def _with_path(text: str, raw: Path, dyr: Path | None) -> str:
+    """A problem with the path of its file."""
+    of_dyr = dyr is not None and text.startswith(f"{dyr.name}: ")
+    return f"{dyr}: {text.partition(': ')[2]}" if of_dyr else f"{raw}: {text}"
 
 
 # Machines
