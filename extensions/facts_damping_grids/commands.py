@@ -36,14 +36,11 @@ def _import(arguments: argparse.Namespace) -> None:
     if case.suffix.lower() == ".raw":
         if arguments.dynamics is not None:
             raise InputError(f"--dynamics {arguments.dynamics}: given with a RAW file; allowed: with a MATPOWER case")
-        dyr, as_loads = None if arguments.dyr is None else Path(arguments.dyr), arguments.inverters == "load"
-        imported = psse_conversion.import_case(case, dyr, inverters_as_loads=as_loads)
+        imported = psse_conversion.import_case(case, None if arguments.dyr is None else Path(arguments.dyr))
         content, wider = widened(imported.content)
         imported = imported._replace(content=content, notes=[*imported.notes, *wider])
     elif arguments.dyr is not None:
         raise InputError(f"CASE.dyr: {arguments.dyr} given with {case.name}; allowed: with a RAW file")
-    elif arguments.inverters is not None:
-        raise InputError(f"--inverters {arguments.inverters}: given with {case.name}; allowed: with a RAW file")
     elif case.suffix != ".m":
         problem = f"a file of format '{case.suffix}' given" if case.is_file() else "no such file"
         raise InputError(f"{case}: {problem}; allowed: a MATPOWER case (.m) or a PSS/E case (.raw)")
