@@ -44,6 +44,7 @@ class Machine(ParameterModel):
         "thesis, corrected; `genrou`: standard subtransient model with leakage reactance",
     )
     P: float | None = quantity(None, "MW", "active power; not given for the slack machine", ge=-1e5, le=1e5)
+    Q: float = quantity(0.0, "Mvar", "reactive power if machines share the bus; by ratings: the rest", ge=-1e5, le=1e5)
     V: float = quantity(..., "p.u.", "terminal voltage", gt=0.5, le=1.5)
     slack: bool = Field(False, description="true: the machine that balances the power flow")
     angle: float = quantity(0.0, "deg", "angle of the slack machine's terminal voltage", ge=-360, le=360)
