@@ -232,7 +232,7 @@ def _block_control(name: str) -> Any:
     fields: dict[str, Any] = {"model": (Literal[name], Field(..., description="model"))}
     for field in row.fields.split():
         about = quantity_of(field)
-        default = 0.0 if field in row.ignored.split() else ...
+        default = 0.0 if field in (*row.ignored.split(), *row.optional.split()) else ...
         fields[field] = (float, quantity(default, about.unit, about.text, ge=about.minimum, le=about.maximum))
     return create_model(name, __base__=BlockControl, __doc__=f"{row.text}.", **fields)
 
