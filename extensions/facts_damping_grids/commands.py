@@ -9,13 +9,24 @@ from facts_damping.errors import InputError
 from facts_damping.output.terminal import note
 from facts_damping.output.writing import write_text
 from facts_damping.parameters import files
+from facts_damping_grids.problems import CaseError
 
 if TYPE_CHECKING:
     import argparse
 
 
 def import_(arguments: argparse.Namespace) -> None:
-    """Write a system file from a MATPOWER or PSS/E case."""
+    """Write a system file from a MATPOWER or PSS/E case. All problems of a case are lines on standard error."""
+    try:
+        _import(arguments)
+    except CaseError as error:
+        *first, last = error.lines
+        for line in first:
+            note(f"facts-damping: {line}")
+        raise InputError(last) from error
+
+
+def _import(arguments: argparse.Namespace) -> None:
     from facts_damping_grids import matpower_reading, psse_conversion
     from facts_damping_grids.control_limits import widened
     from facts_damping_grids.text import document
@@ -25,14 +36,11 @@ def import_(arguments: argparse.Namespace) -> None:
     if case.suffix.lower() == ".raw":
         if arguments.dynamics is not None:
             raise InputError(f"--dynamics {arguments.dynamics}: given with a RAW file; allowed: with a MATPOWER case")
-        dyr, as_loads = None if arguments.dyr is None else Path(arguments.dyr), arguments.inverters == "load"
-        imported = psse_conversion.import_case(case, dyr, inverters_as_loads=as_loads)
+        imported = psse_conversion.import_case(case, None if arguments.dyr is None else Path(arguments.dyr))
         content, wider = widened(imported.content)
         imported = imported._replace(content=content, notes=[*imported.notes, *wider])
     elif arguments.dyr is not None:
         raise InputError(f"CASE.dyr: {arguments.dyr} given with {case.name}; allowed: with a RAW file")
-    elif arguments.inverters is not None:
-        raise InputError(f"--inverters {arguments.inverters}: given with {case.name}; allowed: with a RAW file")
     elif case.suffix != ".m":
         problem = f"a file of format '{case.suffix}' given" if case.is_file() else "no such file"
         raise InputError(f"{case}: {problem}; allowed: a MATPOWER case (.m) or a PSS/E case (.raw)")

@@ -2,23 +2,46 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from facts_damping.output.tables import some_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from facts_damping_grids.psse_reading import Dynamic
+
+    Outcome = Literal["", "replaced", "left out", "idle"]
+
 NAMED = 3  # elements of a common note that are named
 
 
 class Note(NamedTuple):
-    """A note on one element: as it reads alone; and what it has in common with those of other elements, their kind."""
+    """A note on one element: as it reads alone; and what it has in common with those of other elements, their kind.
+
+    The report counts by `record` (a section of the RAW file or a model of the DYR file) those with an outcome: their
+    record is replaced, left out, or idle as in PSS/E. `effect`: what that can change; `line`: of the record.
+    """
 
     alone: str
     common: str
     kind: str
     element: str
+    record: str = ""
+    outcome: Outcome = ""
+    effect: str = ""
+    line: int = 0
+
+
+def of_record(record: Dynamic, machine: str, file: str, text: str, outcome: Outcome = "", effect: str = "") -> Note:
+    """A note on a record of a DYR file, which belongs to a machine."""
+    alone, common = f"{where(record, file)}: of {machine}: {text}", f"{file}: {record.model}: {text}"
+    return Note(alone, common, "machines", machine, record.model, outcome, effect, record.line)
+
+
+def where(record: Dynamic, file: str) -> str:
+    """File, line and model of a record, for a message."""
+    return f"{file}: line {record.line}: {record.model}"
 
 
 def told(notes: Iterable[str | Note]) -> list[str]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.machine_controls.blocks import Block, exponential, saturation
+from facts_damping.machine_controls.blocks import SHORTEST, Block, exponential, saturation
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,4 +28,56 @@ def dc_exciter(limited_by: str, gives: str = "Efd") -> tuple[Block, ...]:
         Block("VB", "lead_lag", "error", (1.0, "TC", "TB")),
         Block("VR", "lag", "VB", ("KA", "TA"), "VRMIN", "VRMAX", limited_by, limited_by),
         Block(gives, "field", "VR", ("KE", "TE", A, B)),
+    )
+
+
+def ac_exciter() -> tuple[Block, ...]:
+    """An alternator with a diode rectifier, from VR to Efd; its field current VFE demagnetises it.
+
+    VFE = KE VE + SE(VE) VE + KD Ifd,  TE dVE = VR - VFE above 0,  Efd = VE FEX(KC Ifd / VE),  VF = s KF/(1 + s TF) VFE
+    """
+    return (
+        Block("magnetising", "saturation", "VE", ("KE", A, B)),
+        Block("VFE", "sum", "magnetising + KD * Ifd"),
+        Block("VF", "rate", "VFE", ("KF", "TF")),
+        Block("VE", "integral", "VR - VFE", (lambda f: 1.0 / max(f.TE, SHORTEST),), 0.0),
+        Block("Efd", "rectifier", "VE + Ifd", ("KC",)),
+    )
+
+
+def pss_output(limited: str) -> Block:
+    """The output of a stabiliser, cut off while the terminal voltage is not between VCL and VCU; 0: no such bound."""
+    return Block(
+        "Vs",
+        "window",
+        f"Vt + {limited} + none",
+        (lambda f: f.VCL if f.VCL > 0.0 else -inf, lambda f: f.VCU if f.VCU > 0.0 else inf),
+    )
+
+
+def two_inputs(sections: str, *, limited: bool = False) -> tuple[Block, ...]:
+    """IEEE type PSS2 up to its lead-lag sections (names of numerators and denominators), the last of which is the last.
+
+    With `limited` inputs are kept between VS1MIN and VS1MAX, VS2MIN and VS2MAX.
+    """
+    first, second = ("in_1", "in_2") if limited else ("input", "input_2")
+    inputs = (
+        Block("in_1", "limiter", "input", (), "VS1MIN", "VS1MAX"),
+        Block("in_2", "limiter", "input_2", (), "VS2MIN", "VS2MAX"),
+    )
+    leads, before = list[Block](), "difference"
+    for i, pair in enumerate(sections.split(), start=1):
+        leads.append(Block(f"L{i}", "lead_lag", before, (1.0, *pair.split("/"))))
+        before = f"L{i}"
+    return (
+        *(inputs if limited else ()),
+        Block("W1", "washout", first, (1.0, "TW1")),
+        Block("W2", "washout", "W1", (1.0, "TW2")),
+        Block("low", "lag", "W2", (1.0, "T6")),
+        Block("W3", "washout", second, (1.0, "TW3")),
+        Block("W4", "washout", "W3", (1.0, "TW4")),
+        Block("power", "lag", "W4", ("KS2", "T7")),
+        Block("tracked", "ramp_tracking", "low + KS3 * power", ("T8", "T9", "M", "N")),
+        Block("difference", "sum", "KS1 * tracked - KS1 * power"),
+        *leads,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.input_files import read_text, share_folder
-from facts_damping_validation import devices, minniwecc, pmus, small_signal, start, time_domain
+from facts_damping_validation import devices, minniwecc, pmus, psse, small_signal, start, time_domain
 from facts_damping_validation.table import summary
 
 if TYPE_CHECKING:
@@ -40,6 +40,8 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "actuators": devices.actuators,
     "time-domain": time_domain.andes,
     "disturbances-minniwecc": minniwecc.disturbances,
+    "psse": psse.traces,
+    "psse-files": psse.accepted,
     "step": time_domain.steps,
 }
 
@@ -47,6 +49,6 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
 def page(tables: Sequence[ValidationTable]) -> str:
     """The page docs/validation.md: its text with a row per table, the one that comes nearest to its tolerance."""
     rows = [row for table in tables for row in table.rows]
-    passed = f"{sum(row.passed for row in rows)} of {len(rows)}"
+    passed = f"{sum(row.passed for row in rows)} of {sum(not row.open for row in rows)}"
     text = read_text(share_folder() / "config" / "references" / "validation.md")
     return text.replace("{{passed}}", passed).replace("{{tables}}", "\n".join(summary(tables)))

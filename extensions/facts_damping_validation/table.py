@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 
 
 class Row(NamedTuple):
-    """One comparison. `ours` and `reference` are texts, empty where the difference of whole curves is compared."""
+    """One comparison. `ours` and `reference` are texts, empty where the difference of whole curves is compared.
+
+    A row without a tolerance (not a number) is open: there is nothing of ours to compare, and `cause` says why. With a
+    tolerance, `cause` says why it is wider than those of other rows.
+    """
 
     what: str
     unit: str
@@ -27,14 +31,27 @@ class Row(NamedTuple):
     reference: str
     difference: float
     tolerance: float
+    cause: str = ""
+
+    @property
+    def open(self) -> bool:
+        """Whether there is nothing to compare yet."""
+        return math.isnan(self.tolerance)
 
     @property
     def passed(self) -> bool:
         """Whether the difference is a number within the tolerance."""
         return math.isfinite(self.difference) and self.difference <= self.tolerance
 
+    @property
+    def verdict(self) -> str:
+        """In a word."""
+        return "pass" if self.passed else "open" if self.open else "fail"
+
     def used(self) -> float:
-        """The difference as a fraction of the tolerance."""
+        """The difference as a fraction of the tolerance; 0 where it is open."""
+        if self.open:
+            return 0.0
         return self.difference / self.tolerance if math.isfinite(self.difference) else math.inf
 
 
@@ -48,8 +65,8 @@ class ValidationTable(NamedTuple):
 
     @property
     def passed(self) -> bool:
-        """Whether all rows pass."""
-        return all(row.passed for row in self.rows)
+        """Whether no row fails."""
+        return all(row.passed or row.open for row in self.rows)
 
 
 def compare(what: str, unit: str, ours: complex, reference: complex, tolerance: float, form: str = ".4f") -> Row:
@@ -86,9 +103,13 @@ def table_text(table: ValidationTable) -> list[str]:
     width = max(len(row.what) for row in table.rows)
     lines = [f"{table.title} ({table.source})"]
     for row in table.rows:
+        start = f"  {row.verdict.replace('fail', 'FAIL')}  {row.what:<{width}}  "
+        if row.open:
+            lines.append(f"{start}{row.cause}")
+            continue
         pair = f"{row.ours} against {row.reference}" if row.ours else "largest difference"
-        start = f"  {'pass' if row.passed else 'FAIL'}  {row.what:<{width}}  {pair} {row.unit}"
-        lines.append(f"{start}: {row.difference:.1e} of {row.tolerance:.1e}")
+        why = f" ({row.cause})" if row.cause else ""
+        lines.append(f"{start}{pair} {row.unit}: {row.difference:.1e} of {row.tolerance:.1e}{why}")
     return lines
 
 
@@ -108,7 +129,10 @@ def summary(tables: Sequence[ValidationTable]) -> list[str]:
         unit = "" if worst.unit == "-" else f" {worst.unit}"
         figures = [f"{worst.difference:.1e}{unit}", f"{worst.tolerance:.1e}"]
         passed = sum(row.passed for row in table.rows)
-        count = f"{passed}" if table.passed else f"**{passed} of {len(table.rows)}**"
+        still = sum(row.open for row in table.rows)
+        count = f"{passed}" if passed == len(table.rows) else f"{passed} of {len(table.rows)}"
+        count = f"{count}, {still} open" if still else count
+        count = count if table.passed else f"**{count}**"
         cells.append([table.title, table.source, count, worst.what, *figures])
     titles = ["what", "reference", "rows that pass", "worst row", "difference", "tolerance"]
     return text_tables.table(titles, cells, 2, markdown=True)
@@ -117,9 +141,12 @@ def summary(tables: Sequence[ValidationTable]) -> list[str]:
 def as_csv(tables: Sequence[ValidationTable]) -> str:
     """All rows of all tables."""
     rows = [
-        [table.title, table.source, table.command, *row[:4], f"{row.difference:.1e}", f"{row.tolerance:.1e}", passed]
+        [
+            *(table.title, table.source, table.command, *row[:4]),
+            *(f"{row.difference:.1e}", f"{row.tolerance:.1e}", row.cause, row.verdict),
+        ]
         for table in tables
-        for row, passed in ((row, "pass" if row.passed else "fail") for row in table.rows)
+        for row in table.rows
     ]
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([["table", "source", "command", *Row._fields, "passed"], *rows])

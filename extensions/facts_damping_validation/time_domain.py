@@ -59,21 +59,25 @@ def follow(
     events: Sequence[dict[str, Any]] = (),
     setpoints: Mapping[str, float] | None = None,
     dc_voltage: float | None = None,
+    asked_at: float = 0.0,
 ) -> Followed:
-    """What happens at instants (s), with setpoints of devices from the start on; `dc_voltage`: p.u., at the start."""
+    """What happens at instants (s), with setpoints of devices from `asked_at` (s) on.
+
+    `dc_voltage`: p.u., at the start.
+    """
     built = build(system, installed, Scenario.model_validate({"name": "inline", "events": list(events)}).events)
     state = copy(built.state)
     if dc_voltage is not None:
         state.x[[name.endswith(".vdc") for name in built.state_names]] = dc_voltage
     work, asked = workspace(built.plant, state), np.zeros(len(setpoints or ()), SETPOINT)
     for row, (name, value) in zip(asked, (setpoints or {}).items(), strict=True):
-        row["device"], row["value"] = installed.index(name), value
+        row["device"], row["value"], row["effective_ns"] = installed.index(name), value, to_ns(asked_at)
     machines = np.zeros((len(times), len(system.machines)), MACHINE_TRUTH)
     devices = np.zeros((len(times), len(installed)), DEVICE_TRUTH)
     frames = np.zeros((len(times), len(system.pmus), len(CHANNELS)))
     now = 0
     for k, time in enumerate(times):
-        advance(built.plant, state, now, to_ns(time), asked, len(asked) if now == 0 else 0, work)
+        advance(built.plant, state, now, to_ns(time), asked, len(asked) if now <= to_ns(asked_at) else 0, work)
         now = to_ns(time)
         measure(built.plant, state, now, frames[k], machines[k], devices[k], work)
     return Followed(machines, devices, frames)

@@ -43,6 +43,7 @@ class Model(NamedTuple):
     ignored: str = ""  # fields of the record that have no effect here
     factors: dict[str, Callable[[Any], float]] = {}  # of inputs, that follow from fields
     record: bool = True  # whether it is one of the PSS/E library's, with fields in the order of a DYR record there
+    optional: str = ""  # fields that a system file may leave out: 0
 
 
 class Quantity(NamedTuple):
@@ -56,15 +57,13 @@ class Quantity(NamedTuple):
 
 
 def saturation(field: Any) -> tuple[float, float]:
-    """A and B of SE(E) E = B (E - A)^2 above A, through SE1 at E1 and SE2 at E2; B = 0 where E1 is 0: none."""
-    first, second = field.SE1 * field.E1, field.SE2 * field.E2
-    if second <= 0.0 or field.E1 <= 0.0 or field.E1 == field.E2:
+    """A and B of SE(E) E = B (E - A)^2 above A, through SE1 at E1 and SE2 at E2; B = 0 where one of them is 0: none."""
+    (E1, SE1), (E2, SE2) = sorted([(field.E1, field.SE1), (field.E2, field.SE2)])
+    if E1 <= 0.0 or SE1 <= 0.0 or SE1 * E1 >= SE2 * E2:
         return 0.0, 0.0
-    root = math.sqrt(max(first, 0.0) / second)
-    if root >= 1.0:
-        return 0.0, 0.0
-    A = (field.E1 - root * field.E2) / (1.0 - root)
-    return A, second / ((field.E2 - A) * (field.E2 - A))
+    root = math.sqrt(SE1 * E1 / (SE2 * E2))
+    A = (E1 - root * E2) / (1.0 - root)
+    return A, SE2 * E2 / ((E2 - A) * (E2 - A))
 
 
 def exponential(field: Any) -> tuple[float, float]:

@@ -248,6 +248,8 @@ def _add_blocks(
     role, control = MODELS[data.model].role, block_controls.control(data)
     wanted, reference = {"exciter": ("Ifd", "Vref"), "governor": ("Pm", "Pref")}.get(role, (None, None))
     sensed = {name: value for name, value in seen.items() if name in blocks.SENSED}
+    if role == "exciter":
+        control = block_controls.self_excited(control, seen["Ifd"])
     rest = block_controls.at_rest(control, data, sensed, None if wanted is None else seen[wanted], reference)
     first = sum(map(len, rotating.blocks))
     rows = control.rows.copy()

@@ -129,7 +129,8 @@ def derivatives(
 ) -> None:
     """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, loads, devices; solves `source`.
 
-    ddelta = omega_0 omega; 2 H domega = Pm - Pe - D omega, powers over 1 + omega if the speed multiplies the EMF.
+    ddelta = omega_0 omega; 2 H domega = Pm - Pe - D omega, powers over 1 + omega if the speed multiplies the EMF, and
+    (Pm - D omega) / (1 + omega) - Pe with `speed_torque`.
     """
     solve_network(plant, x, reference, source, interval, work)
     for g in range(plant.machines.size):
@@ -138,9 +139,10 @@ def derivatives(
         omega = x[o + 1]
         at = stator(plant, x, interval, g, work)
         efd, mechanical_power = move_controls(plant, x, interval, g, at, dx, work)
-        driven = mechanical_power * plant.online[interval, g]
+        shaft = 1.0 + m.shaft * omega
+        driven = mechanical_power * plant.online[interval, g] / shaft
         dx[o] = plant.omega_0 * omega
-        dx[o + 1] = ((driven - at.power) / (1.0 + m.speed * omega) - m.D * omega) / (2.0 * m.H)
+        dx[o + 1] = ((driven - at.power) / (1.0 + m.speed * omega) - m.D * omega / shaft) / (2.0 * m.H)
         if m.circuits == 4:  # the usual number, so that the compiler unrolls the loop
             _circuits(m, x, 4, at, efd, dx)
         else:

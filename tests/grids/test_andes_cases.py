@@ -17,7 +17,7 @@ from facts_damping.parameters.events import Scenario
 from facts_damping.plant.build import build
 from facts_damping.small_signal.eigenmodes import modes
 from facts_damping.small_signal.linearisation import linearise
-from tests.andes_cases import CASES
+from tests.andes_cases import CASES, with_torques
 from tests.plant.running import follow
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def imported(raw: str, dyr: str) -> Rest:
     with TemporaryDirectory() as folder:
         path = f"{folder}/case.yaml"
         assert main(["import", str(CASES / raw), str(CASES / dyr), "--out", path]) == 0
-        system = load_system(path)
+        system = with_torques(load_system(path))
     built = build(system, [], [])
     return Rest(system, built, linearise(built)[0])
 

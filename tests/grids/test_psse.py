@@ -18,6 +18,7 @@ from facts_damping.plant.build import build
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping_grids.psse_conversion import import_case
+from tests.andes_cases import with_torques
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,7 +60,7 @@ def voltages(system: System) -> dict[str, complex]:
 
 def test_power_flow_and_all_modes_are_those_of_andes(tmp_path: Path) -> None:
     """Which counts states that cancel: of ours each has its own, of its some are at -1/T of such a block."""
-    system = imported(tmp_path, RAW.read_text(), DYR.read_text())
+    system = with_torques(imported(tmp_path, RAW.read_text(), DYR.read_text()))
     solved = voltages(system)
     for bus, (size, angle) in ANDES["voltages"].items():
         assert solved[f"B{bus}"] == pytest.approx(size * np.exp(1j * angle), abs=1e-6)
@@ -212,7 +213,7 @@ def test_parallel_branches_and_their_shunts(tmp_path: Path) -> None:
 def test_psse_record_without_a_model_is_named_with_its_substitute(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    dyr = DYR.read_text().replace("'SEXS' 1    0.4 5.0 20 0.1", "'SEXS' 1 0.4 5.0 20 0.001")
+    dyr = DYR.read_text().replace("'IEEEG1' 1  0 0 20 0.1", "'IEEEG1' 1  0 0 20 0.001")
     more = "2 'IEEEVC' 1 0.01 0.05 /\n7 'USRMDL' 1 5 /\n3 'USRMDL' 1 1 2 /\n9 'GENROU' 1 1 2 /\nsomething else /\n"
     more += "2 'DC4B' 1 0.01 200 50 50 0.01 10 -10 1 0.02 /\n"  # ours has another order
     imported(
@@ -221,56 +222,17 @@ def test_psse_record_without_a_model_is_named_with_its_substitute(
     errors = capsys.readouterr().err
     for said in (
         "case.raw: 1 two-terminal dc records are left out",
-        "line 11: IEEEVC: of G2 is not modelled: left out",
-        "line 12: USRMDL: no machine 1 at bus 7 in service: left out",
-        "line 13: USRMDL: of G3 is not modelled: left out",
+        "line 11: IEEEVC: of G2: is not modelled: left out",
+        "line 12: USRMDL: no machine 1 at bus 7 in the case: left out",
+        "line 13: USRMDL: of G3: is no machine model that is known: left out",
         "line 15: something else ... is no record of a machine: left out",
-        "line 16: DC4B: of G2 is not modelled: left out",
-        "line 4: GENXYZ: of G3 is not modelled: left out",
-        "no dynamic data for G3: typical data",
-        "line 7: SEXS: of G3: TE below 0.002 s: taken as 0",
+        "line 16: DC4B: of G2: is not modelled: left out",
+        "line 4: GENXYZ: of G3: is no machine model that is known: left out",
+        "line 21: generator: G3 has only GENXYZ, SEXS, USRMDL in case.dyr: a constant current of its P and Q",
+        "line 7: SEXS: of G3: is left out with its machine, for which a constant current stands",
+        "line 8: IEEEG1: of G1: T1 below 0.002 s: taken as 0",
     ):
         assert said in errors
-
-
-INVERTERS = ("3 'GENROU'", "3 'REGCA1'"), ("3 'SEXS' 1 ", "3 'REECA1' 1 "), ("2 'GENROU'", "2 'WT4G1'")
-
-
-def with_inverters(count: int) -> str:
-    """The machines' data, of which some become inverters."""
-    text = DYR.read_text()
-    for before, after in INVERTERS[: count + 1]:
-        assert before in text
-        text = text.replace(before, after)
-    return text
-
-
-def test_inverters_are_refused_all_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "case.dyr").write_text(with_inverters(2))
-    message = one_line([str(RAW), str(tmp_path / "case.dyr"), "--out", str(tmp_path / "case.yaml")], capsys)
-    assert "case.dyr: inverters given: G2 (WT4G1), G3 (REGCA1, REECA1); allowed: synchronous machines, or" in message
-    assert "--inverters load" in message
-    assert not (tmp_path / "case.yaml").exists()
-
-
-def test_inverters_as_loads_have_no_inertia_and_keep_the_power_flow(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Their reactive power is that of the case, here of the solved one."""
-    flow = solve(imported(tmp_path, RAW.read_text(), DYR.read_text()), [])
-    Q = {name: 100.0 * power.imag for name, power in flow.generation.items()}
-    raw = raw_with(("^2,'1 ',163,0,", f"2,'1 ',163,{Q['G2']!r},"), ("^3,'1 ',85,0,", f"3,'1 ',85,{Q['G3']!r},"))
-    (tmp_path / "case.raw").write_text(raw)
-    (tmp_path / "case.dyr").write_text(with_inverters(2))
-    paths = [str(tmp_path / name) for name in ("case.raw", "case.dyr")]
-    assert main(["import", *paths, "--inverters", "load", "--out", str(tmp_path / "case.yaml")]) == 0
-    said = "inverters are negative loads of their constant PG and QG (2 generators: G2, G3)"
-    assert said in capsys.readouterr().err
-    system = load_system(str(tmp_path / "case.yaml"))
-    assert [machine.name for machine in system.machines] == ["G1"]
-    assert {load.name: load.P for load in system.loads if load.P < 0} == {"inverter_G2": -163, "inverter_G3": -85}
-    assert voltages(system) == pytest.approx(dict(zip(flow.names, flow.voltage, strict=True)), abs=1e-9)
-    assert main(["modes", str(tmp_path / "case.yaml")]) == 0
 
 
 @pytest.mark.parametrize(
@@ -288,12 +250,6 @@ def test_case_that_is_none_is_refused_with_what_is_allowed(
     if written:
         (tmp_path / name).write_bytes(b"PK")
     assert said in one_line([str(tmp_path / name)], capsys)
-
-
-def test_slack_that_is_an_inverter_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "case.dyr").write_text(DYR.read_text().replace("1 'GENROU'", "1 'REGFM_A1'"))
-    message = one_line([str(RAW), str(tmp_path / "case.dyr"), "--inverters", "load"], capsys)
-    assert "no generator in service at a bus of type 3 given; allowed: at least one, no inverter" in message
 
 
 def test_equal_notes_are_one_line_with_a_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.errors import InputError
-from facts_damping.machine_controls.block_models import MODELS
+from facts_damping.machine_controls.block_models import MODELS, quantity_of
 from facts_damping.parameters.plant.machines import BLOCK_CONTROLS
 from facts_damping.plant.machines import block_controls, blocks
 from facts_damping.plant.machines.block_controls import GIVES
@@ -23,8 +23,11 @@ if TYPE_CHECKING:
 
 # Constants of each model in the order of a record: within limits, and no two alike.
 DC = "0.02 50 0.06 0.9 0.5 10 -10 1.1 0.5 0.08 1.3 0 2 0.1 3 0.5"
+AC, ALTERNATOR = "0.02 0.9 0.5 50 0.06 10 -10", "0.8 0.03 1.2 0.2 0.38 1.05 2 0.1 3 0.5"
+PSS2 = "1 0 3 0 5 1 2.1 2 0.1 2.2 0 2.3 0.3 1 0.5 0.1 10 0.25 0.03 0.15 0.015"
 DATA = {
     "IEEEX1": DC,
+    "EXDC1": DC,
     "EXDC2": DC,
     "ESDC2A": DC,
     "DC4B": "0.02 50 6 4 0.02 0.9 0.06 10 -10 1.1 0.5 0.08 1.3 2 0.1 3 0.5",
@@ -33,6 +36,12 @@ DATA = {
     "EXST1": "0.01 10 -10 0.9 5 50 0.05 10 -10 0 0.02 1.1",
     "EXST3": "0.02 10 -10 1.2 0.9 5 20 0.1 99 -99 0.7 3.67 0 20 0 0 3.86 0",
     "ESST3A": "0.02 10 -10 8 0.9 5 20 0.1 99 -99 0.7 3.67 0 20 0 0 3.86 0 0.4 99 -99",
+    "EXAC1": f"{AC} {ALTERNATOR}",
+    "ESAC1A": f"{AC} {ALTERNATOR} 11 -11",
+    "ESST1A": "1 1 0.02 10 -10 0.9 5 0.3 0.4 50 0.05 12 -12 11 -11 0.1 0.02 1.1 4.54 1.5",
+    "ESST4B": "0.02 10.75 9 99 -99 0.02 0.3 5 98 -98 0.7 6.67 0 19 0 0 0",
+    "ST6B": "0 0.012 20 15 2 0.05 9 -9 0.8 1.2 1.06 17.33 9 9 -9 1.1 0.02",
+    "ST8C": "0 0 0 1 0.01 5 4 99 -99 4 3 98 -98 1.35 0.003 97 -97 0.5 0.005 0.1 4 0 0 0 96 0 0 95",
     "SEXS": "0.4 5 20 0.1 -10 10",
     "SCRX": "0.4 5 20 0.1 -10 10 1 10",
     "TGOV1": "0.05 0.49 2 0 2.1 7 0.1",
@@ -41,8 +50,12 @@ DATA = {
     "TG": "0.05 0.5 15 1 1.1 0.6 1",
     "IEEEST": "1 0 0.1 0.01 0.2 0.02 0.05 0.003 0.25 0.03 0.15 0.015 1.41 1.5 5 9 -9 0 0",
     "ST2CUT": "1 0 3 0 5 2 0.02 0.03 1.4 1.5 0.2 0.02 0.15 0.025 0.1 0.3 9 -9 0 0",
+    "STAB1": "20 1.5 13.3 0.0447 12.1 0.05 9",
+    "PSSSIM": "1 34 30 5 6 7 8 100 20 0.06 0.04 0.08 0.03 9 -9",
+    "PSS2B": f"{PSS2} 0.2 0.3 9 -9 8 -8 7 -7",
+    "PSS2C": f"{PSS2} 0.2 0.3 9 -9 8 -8 7 -7 0.15 0.25 0.3 0.2 0 0",
     "STAB2A": "1.1 4 0.55 2 1.6 1.2 0.01 9",
-    "PSS2A": "1 0 3 0 5 1 2.1 2 0.1 2.2 0 2.3 0.3 1 0.5 0.1 10 0.25 0.03 0.15 0.015 9 -9",
+    "PSS2A": f"{PSS2} 9 -9",
 }
 VOLTAGE, FIELD, POWER = 1.02, 1.8, 0.8  # p.u., of the start
 
@@ -147,6 +160,80 @@ def esst3a(s: complex, d: Any) -> complex:
     return complex((direct - VB * inner * regulator) / (1.0 + VB * inner * d.KG))
 
 
+def _rate(s: complex, d: Any) -> complex:
+    return s * d.KF / (1.0 + s * d.TF)
+
+
+def _esst1a(s: complex, d: Any) -> complex:
+    """From the error to the output."""
+    leads = (1.0 + s * d.TC) * (1.0 + s * d.TC1) / ((1.0 + s * d.TB) * (1.0 + s * d.TB1))
+    return complex(leads * d.KA / (1.0 + s * d.TA))
+
+
+def esst1a(s: complex, d: Any) -> complex:
+    forward = _esst1a(s, d)
+    return -forward / (1.0 + s * d.TR) / (1.0 + forward * _rate(s, d))
+
+
+def esst1a_current(s: complex, d: Any) -> complex:
+    """The field current is above ILR, so the limiter takes off KLR per p.u., inside the loop of the rate feedback."""
+    return -d.KLR / (1.0 + _esst1a(s, d) * _rate(s, d))
+
+
+def _alternator(s: complex, d: Any) -> tuple[complex, float]:
+    """The regulator, and the slope of KE VE + SE(VE) VE; the rectifier works in its first mode, VE - 0.577 KC Ifd."""
+    VE = FIELD + 0.577 * d.KC * FIELD
+    assert d.KC * FIELD / VE < 0.433
+    root = np.sqrt(d.SE1 * d.E1 / (d.SE2 * d.E2))
+    A = (d.E1 - root * d.E2) / (1.0 - root)
+    slope = 2.0 * d.SE2 * d.E2 / (d.E2 - A) ** 2 * (VE - A)
+    return d.KA / (1.0 + s * d.TA) * (1.0 + s * d.TC) / (1.0 + s * d.TB), d.KE + slope
+
+
+def ac1(s: complex, d: Any) -> complex:
+    """VE = VR / (s TE + k), fed back k VE."""
+    regulator, k = _alternator(s, d)
+    forward = regulator / (s * d.TE + k)
+    return complex(-forward / (1.0 + s * d.TR) / (1.0 + forward * k * _rate(s, d)))
+
+
+def ac1_current(s: complex, d: Any) -> complex:
+    """s TE VE = -(1 + H) (k VE + KD Ifd) with the loop H of the rate feedback; the rectifier drops 0.577 KC Ifd."""
+    regulator, k = _alternator(s, d)
+    H = 1.0 + regulator * _rate(s, d)
+    return complex(-H * d.KD / (s * d.TE + H * k) - 0.577 * d.KC)
+
+
+def esst4b(s: complex, d: Any) -> complex:
+    """KP Vt alone feeds it: dEfd = VB dVM + VM KP dVt with dVM = inner (dVR - KG dEfd)."""
+    VB, inner = d.KP * VOLTAGE, d.KPM + d.KIM / s
+    regulator = (d.KPR + d.KIR / s) / (1.0 + s * d.TA) / (1.0 + s * d.TR)
+    return complex((FIELD / VB * d.KP - VB * inner * regulator) / (1.0 + VB * inner * d.KG))
+
+
+def st6b(s: complex, d: Any) -> complex:
+    """dEfd = Vt dVR + VR dVt with dVR = (KFF + KM) dVA - KM KG dEfd / (1 + s TG)."""
+    pid = (d.KPA + d.KIA / s + s * d.KDA / (1.0 + s * d.TDA)) / (1.0 + s * d.TR)
+    back = VOLTAGE * d.KM * d.KG / (1.0 + s * d.TG)
+    return complex((FIELD / VOLTAGE - VOLTAGE * (d.KFF + d.KM) * pid) / (1.0 + back))
+
+
+def _st8c(s: complex, d: Any) -> tuple[float, complex]:
+    """VB1 with the rectifier in its first mode, and from the error of the field current to VR."""
+    VB1 = d.KP * VOLTAGE - 0.577 * d.KC1 * FIELD
+    return VB1, (d.KPA + d.KIA / s) * d.KA / (1.0 + s * d.TA)
+
+
+def st8c(s: complex, d: Any) -> complex:
+    VB1, inner = _st8c(s, d)
+    return complex(FIELD / VB1 * d.KP - VB1 * inner * (d.KPR + d.KIR / s) / (1.0 + s * d.TR))
+
+
+def st8c_current(s: complex, d: Any) -> complex:
+    VB1, inner = _st8c(s, d)
+    return complex(-VB1 * inner * d.KF / (1.0 + s * d.TF) - FIELD / VB1 * 0.577 * d.KC1)
+
+
 def sexs(s: complex, d: Any) -> complex:
     return complex(-(1.0 + s * d.TATB * d.TB) / (1.0 + s * d.TB) * d.K / (1.0 + s * d.TE))
 
@@ -194,6 +281,16 @@ def st2cut_power(s: complex, d: Any) -> complex:
     return complex(st2cut(s, d) / d.K1 * (1.0 + d.T1 * s) * d.K2 / (1.0 + d.T2 * s))
 
 
+def stab1(s: complex, d: Any) -> complex:
+    leads = (1.0 + s * d.T1T3 * d.T3) * (1.0 + s * d.T2T4 * d.T4) / ((1.0 + s * d.T3) * (1.0 + s * d.T4))
+    return complex(d.KT * d.T * s / (1.0 + s * d.T) * leads)
+
+
+def psssim(s: complex, d: Any) -> complex:
+    leads = (1.0 + s * d.T1) * (1.0 + s * d.T3) / ((1.0 + s * d.T2) * (1.0 + s * d.T4))
+    return complex(d.K * s / (1.0 + s * d.TW) * leads)
+
+
 def stab2a(s: complex, d: Any) -> complex:
     washed = -((d.K2 * d.T2 * s / (1.0 + d.T2 * s)) ** 3)
     return complex(washed * (d.K4 + d.K3 / (1.0 + d.T3 * s)) * (d.K5 / (1.0 + d.T5 * s)) ** 2)
@@ -202,7 +299,10 @@ def stab2a(s: complex, d: Any) -> complex:
 def _pss2a(s: complex, d: Any) -> tuple[complex, complex]:
     """The ramp-tracking filter, and what stands behind the difference."""
     ramp = ((1.0 + d.T8 * s) / (1.0 + d.T9 * s) ** d.M) ** d.N
-    return ramp, d.KS1 * (1.0 + d.T1 * s) * (1.0 + d.T3 * s) / ((1.0 + d.T2 * s) * (1.0 + d.T4 * s))
+    behind = d.KS1 * (1.0 + d.T1 * s) * (1.0 + d.T3 * s) / ((1.0 + d.T2 * s) * (1.0 + d.T4 * s))
+    for over, under in (("T10", "T11"), ("T12", "T13")):  # of PSS2B and PSS2C
+        behind *= (1.0 + getattr(d, over, 0.0) * s) / (1.0 + getattr(d, under, 0.0) * s)
+    return ramp, behind
 
 
 def pss2a(s: complex, d: Any) -> complex:
@@ -219,6 +319,7 @@ def pss2a_power(s: complex, d: Any) -> complex:
 
 EXPECTED: list[tuple[str, str, Callable[[complex, Any], complex]]] = [
     ("IEEEX1", "Vt", dc_with_lead),
+    ("EXDC1", "Vt", dc_with_lead),
     ("EXDC2", "Vt", dc_with_lead),
     ("ESDC2A", "Vt", dc_with_lead),
     ("EXDC2", "omega", lambda _s, _d: FIELD),  # the field voltage follows the speed
@@ -228,6 +329,16 @@ EXPECTED: list[tuple[str, str, Callable[[complex, Any], complex]]] = [
     ("EXST1", "Vt", exst1),
     ("EXST3", "Vt+Vq", exst3),
     ("ESST3A", "Vt+Vq", esst3a),  # its source is Vd + j Vq, here in the q axis
+    ("ESST1A", "Vt", esst1a),
+    ("ESST1A", "Ifd", esst1a_current),
+    ("EXAC1", "Vt", ac1),
+    ("EXAC1", "Ifd", ac1_current),
+    ("ESAC1A", "Vt", ac1),
+    ("ESAC1A", "Ifd", ac1_current),
+    ("ESST4B", "Vt+Vq", esst4b),
+    ("ST6B", "Vt", st6b),
+    ("ST8C", "Vt+Vq", st8c),
+    ("ST8C", "Ifd", st8c_current),
     ("SEXS", "Vt", sexs),
     ("SCRX", "Vt", sexs),
     ("TGOV1", "omega", tgov1),
@@ -237,9 +348,11 @@ EXPECTED: list[tuple[str, str, Callable[[complex, Any], complex]]] = [
     ("IEEEST", "omega", ieeest),
     ("ST2CUT", "omega", st2cut),
     ("ST2CUT", "Pe", st2cut_power),
+    ("STAB1", "omega", stab1),
+    ("PSSSIM", "omega", psssim),
     ("STAB2A", "Pe", stab2a),
-    ("PSS2A", "omega", pss2a),
-    ("PSS2A", "Pe", pss2a_power),
+    *((model, "omega", pss2a) for model in ("PSS2A", "PSS2B", "PSS2C")),
+    *((model, "Pe", pss2a_power) for model in ("PSS2A", "PSS2B", "PSS2C")),
 ]
 
 
@@ -259,8 +372,8 @@ def test_control_is_the_transfer_function_of_its_standard(
 @pytest.mark.parametrize("model", MODELS)
 def test_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
     """But for those that need one: of a loop, of an integrator."""
-    needed = {"T3", "TA", "TE", "TM", "TF1"}
-    times = [name for name in MODELS[model].fields.split() if name[0] == "T" and name not in ("TATB", "THETAP")]
+    needed = {"T3", "TA", "TE", "TM", "TF1", "TG"}
+    times = [name for name in MODELS[model].fields.split() if quantity_of(name).time]
     fast = {name: 0.0 for name in times if name not in needed}
     plain, quick = block_controls.control(control_of(model)), block_controls.control(control_of(model, **fast))
     assert len(quick.states) < len(plain.states)

@@ -330,3 +330,18 @@ def test_speed_and_saturation_exclude_each_other() -> None:
     row = shipped("kundur_12_6").machines[0].model_dump()
     with pytest.raises(ValueError, match="speed_voltage: true given; allowed: false with saturation"):
         Machine.model_validate({**row, "speed_voltage": True, "S10": 0.04, "S12": 0.2})
+
+
+def test_speed_divides_power_and_damping_of_a_machine_that_asks_for_it() -> None:
+    """2 H dw/dt = (Pm - D w) / (1 + w) - Te, all else the same."""
+    system, speed = shipped("kundur_12_6"), 0.01
+    rows = [m.model_dump() | {"D": 2.0} for m in system.machines]
+    plain, divided = (
+        plant(changed(system, machines=[{**row, "speed_torque": divides} for row in rows])) for divides in (False, True)
+    )
+    slower = slopes(plain, moved(plain, {"G1.omega": speed})) - slopes(divided, moved(divided, {"G1.omega": speed}))
+    state = plain.state_names.index("G1.omega")
+    power = float(plain.plant.mechanical_power[0, 0])
+    lost = (power - 2.0 * speed) * (1.0 - 1.0 / (1.0 + speed)) / (2.0 * system.machines[0].H)
+    assert slower[state] == pytest.approx(lost, rel=1e-9)
+    assert np.abs(np.delete(slower, state)).max() < 1e-9

@@ -15,8 +15,7 @@ ROW = Model(
         Block("VI", "sum", "Vref + Vs - VT - VF", (), "VIMIN", "VIMAX"),
         Block("VB", "lead_lag", "VI", (1.0, "TC", "TB")),
         Block("VR", "lag", "VB", ("KA", "TA")),
-        Block("minimum", "sum", "VRMIN * Vt - KC * Ifd"),
-        Block("maximum", "sum", "VRMAX * Vt - KC * Ifd"),
-        Block("Efd", "sum", "VR", (), 1.0, 1.0, "minimum", "maximum"),
+        Block("supplied", "sum", "VR + KC * Ifd", (), "VRMIN", "VRMAX", "Vt", "Vt"),
+        Block("Efd", "sum", "supplied - KC * Ifd"),
     ),
 )

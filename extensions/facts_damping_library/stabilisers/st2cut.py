@@ -1,8 +1,9 @@
-"""ST2CUT."""
+"""ST2CUT: a stabiliser of two inputs of PSS/E; VCU and VCL as for IEEEST."""
 
 from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import Block, Model
+from facts_damping_library.parts import pss_output
 
 ROW = Model(
     "stabiliser",
@@ -15,7 +16,9 @@ ROW = Model(
         Block("L1", "lead_lag", "washed", (1.0, "T5", "T6")),
         Block("L2", "lead_lag", "L1", (1.0, "T7", "T8")),
         Block("L3", "lead_lag", "L2", (1.0, "T9", "T10")),
-        Block("Vs", "sum", "L3", (), "LSMIN", "LSMAX"),
+        Block("limited", "sum", "L3", (), "LSMIN", "LSMAX"),
+        pss_output("limited"),
     ),
-    "IB IB2 VCU VCL",
+    "IB IB2",
+    optional="VCU VCL",
 )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
-from facts_damping.fields import Name, ParameterModel, quantity
+from facts_damping.fields import PHYSICAL, Name, ParameterModel, quantity
 from facts_damping.machine_controls.block_models import MODELS, quantity_of
 from facts_damping.machine_controls.blocks import SHORTEST
 
@@ -46,6 +46,7 @@ class Machine(ParameterModel):
         "poles, of which the field alone saturates",
     )
     P: float | None = quantity(None, "MW", "active power; not given for the slack machine", ge=-1e5, le=1e5)
+    Q: float = quantity(0.0, "Mvar", "reactive power if machines share the bus; by ratings: the rest", ge=-1e5, le=1e5)
     V: float = quantity(..., "p.u.", "terminal voltage", gt=0.5, le=1.5)
     slack: bool = Field(False, description="true: the machine that balances the power flow")
     angle: float = quantity(0.0, "deg", "angle of the slack machine's terminal voltage", ge=-360, le=360)
@@ -55,7 +56,12 @@ class Machine(ParameterModel):
     speed_voltage: bool = Field(
         False, description="true: the speed multiplies the EMF, as in PSTess; only without saturation"
     )
-    Xl: float | None = quantity(None, "p.u.", "leakage reactance", gt=0, le=2)
+    speed_torque: bool = Field(
+        False,
+        description="true: the speed divides the turbine's power, whose torque is (P - D w)/(1 + w), as in PSS/E; "
+        "false: this power is a torque",
+    )
+    Xl: float | None = quantity(None, "p.u.", "leakage reactance", ge=0, le=2)
     Xd: float | None = quantity(None, "p.u.", "d-axis synchronous reactance", gt=0, le=10)
     Xd1: float | None = quantity(None, "p.u.", "d-axis transient reactance X'd", gt=0, le=5)
     Xd2: float | None = quantity(None, "p.u.", "d-axis subtransient reactance X''d", gt=0, le=5)
@@ -92,7 +98,9 @@ class Machine(ParameterModel):
             raise ValueError("S10: 0 given; allowed: above 0 where the saturation is exponential")
         for names in (("Xl", "Xd2", "Xd1", "Xd"), ("Xl", "Xq2", "Xq1", "Xq")):
             X = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-            falls = any(low > high for low, high in itertools.pairwise(X.values()))
+            falls = not PHYSICAL.get() and any(low > high for low, high in itertools.pairwise(X.values()))
+            if PHYSICAL.get():
+                X.pop(names[1], None)  # X'' may be Xl: no equation has the inverse of their difference
             if self.model != "classical" and (falls or list(X.values()).count(self.Xl) > 1):
                 raise ValueError(f"{' < '.join(X)} must hold (X'' <= X' <= X), given {list(X.values())}")
         if self.S12 > 0 and not self.S10 < self.S12:
@@ -101,6 +109,10 @@ class Machine(ParameterModel):
             raise ValueError("S12: a classical machine has no saturation")
         if self.S12 > 0 and self.speed_voltage:
             raise ValueError("speed_voltage: true given; allowed: false with saturation")
+        if self.speed_voltage and self.speed_torque:
+            raise ValueError(
+                "speed_torque: true given; allowed: false with speed_voltage, which divides by the speed too"
+            )
         if self.S10 > 0 and self.S12 == 0:
             raise ValueError(f"S10 = {self.S10:g} needs S12 above it")
         if self.slack == (self.P is not None):
@@ -230,7 +242,7 @@ def _block_control(name: str) -> Any:
     fields: dict[str, Any] = {"model": (Literal[name], Field(..., description="model"))}
     for field in row.fields.split():
         about = quantity_of(field)
-        default = 0.0 if field in row.ignored.split() else ...
+        default = 0.0 if field in (*row.ignored.split(), *row.optional.split()) else ...
         fields[field] = (float, quantity(default, about.unit, about.text, ge=about.minimum, le=about.maximum))
     return create_model(name, __base__=BlockControl, __doc__=f"{row.text}.", **fields)
 

@@ -208,18 +208,18 @@ def _currents(matrix: Triplets, voltage: Complex1) -> Complex1:
 
 
 def _shared(here: Sequence[Any], net: complex, base_power: float) -> list[tuple[str, complex]]:
-    """Powers of the sources at a bus: parallel machines have their own P, the slack the rest; Q is by ratings."""
+    """Powers of the sources at a bus: of machines their own P, the slack the rest; their own Q, the rest by ratings."""
     if len(here) == 1:
         return [(here[0].name, net)]
     rating = sum(m.rating for m in here)
-    rest = net.real - sum(m.P or 0.0 for m in here) / base_power
+    rest = net - sum(complex(m.P or 0.0, m.Q) for m in here) / base_power
     slack = any(m.slack for m in here)
     return [
         (
             m.name,
             complex(
-                rest if m.slack else (m.P or 0.0) / base_power + (0.0 if slack else rest * m.rating / rating),
-                net.imag * m.rating / rating,
+                rest.real if m.slack else (m.P or 0.0) / base_power + (0.0 if slack else rest.real * m.rating / rating),
+                m.Q / base_power + rest.imag * m.rating / rating,
             ),
         )
         for m in here

@@ -11,12 +11,12 @@ import numpy as np
 from facts_damping.elementary import rect
 from facts_damping.errors import InputError
 from facts_damping.machine_controls.block_models import INPUTS, MODELS
-from facts_damping.machine_controls.blocks import Block
+from facts_damping.machine_controls.blocks import SHORTEST, Block
 from facts_damping.numerics.matrices import least_squares
 from facts_damping.plant.machines import blocks as kernel
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -26,6 +26,8 @@ GIVES = {"governor": "Pm", "stabiliser": "Vs", "exciter": "Efd"}
 # Kinds with direct feedthrough.
 FEEDTHROUGH = {"sum", "lead_lag", "washout", "rate", "second_order", "product", "source", "rectifier"}
 TOLERANCE = 1e-10  # p.u., 1/s, residual of the steady state
+STEPS = 50  # largest number of iterations from one starting point
+STARTS = (1.0, 3.0, 10.0)  # starting points of all states, times the output: of a rectifier they are far above it
 
 
 class Control(NamedTuple):
@@ -44,10 +46,7 @@ def control(data: Any) -> Control:
     model = MODELS[data.model]
     blocks = _in_order([_plain(block, data) for block in _spread(model.blocks, data)], data)
     signals = {name: i for i, name in enumerate([*kernel.SENSED, *(block.name for block in blocks)])}
-    signals |= {
-        "input": signals[INPUTS[int(getattr(data, "IC", 1))]],
-        "input_2": signals[INPUTS[int(getattr(data, "IC2", 0))]],
-    }
+    signals |= {"input": signals[_sensed(data, "IC", 1)], "input_2": signals[_sensed(data, "IC2", 0)]}
     rows, states = np.zeros(len(blocks), kernel.BLOCK), list[str]()
     for row, block in zip(rows, blocks, strict=True):
         row["kind"], row["state"] = kernel.KINDS.index(block.kind), kernel.STATELESS
@@ -62,6 +61,15 @@ def control(data: Any) -> Control:
             row["state"] = len(states)
             states += [block.name, f"{block.name}_rate"][: block.states]
     return Control(rows, [block.name for block in blocks], states)
+
+
+def _sensed(data: Any, field: str, usual: int) -> str:
+    """The signal that stands for a code of the library. Raises `InputError` if there is none."""
+    code = int(getattr(data, field, usual))
+    if code not in INPUTS:
+        allowed = ", ".join(map(str, INPUTS))
+        raise InputError(f"{data.model} of {data.machine}: {field}: {code} given; allowed: {allowed}")
+    return INPUTS[code]
 
 
 class _Plain(NamedTuple):
@@ -87,7 +95,7 @@ def _number(constant: Any, data: Any) -> float:
 
 def _plain(block: Block, data: Any) -> _Plain:
     """The block in the kernel's numbers; a block with zero time constant has no state."""
-    kind, c = block.kind, [_number(constant, data) for constant in block.constants]
+    kind, inputs, c = block.kind, block.inputs, [_number(constant, data) for constant in block.constants]
     p, states = (1.0, 0.0, 0.0, 0.0), 0
     if kind == "lag":
         p, states = (c[0], c[1], 0.0, 0.0), int(c[1] > 0.0)
@@ -97,13 +105,14 @@ def _plain(block: Block, data: Any) -> _Plain:
         p, states = (c[0], 0.0, c[1], 0.0), int(c[1] > 0.0)
     elif kind == "rate":
         p, states = (c[0] / c[1] if c[1] > 0.0 else 0.0, 0.0, c[1], 0.0), int(c[1] > 0.0 and c[0] != 0.0)
-        p = p if states else (0.0, 0.0, 0.0, 0.0)
+        kind, inputs = (kind, inputs) if states else ("sum", "none")
     elif kind == "servo":
         p, states = (c[0], c[1], c[2], 0.0), 1
     elif kind in ("field", "exponential"):
-        p, states = (c[0], c[1], c[2], c[3]), 1
+        p, states = (c[0], max(c[1], SHORTEST), c[2], c[3]), 1
     elif kind == "integral":
-        p, states = (c[0], 0.0, 0.0, 0.0), 1
+        p, states = (c[0], 0.0, 0.0, 0.0), int(c[0] != 0.0)
+        kind, inputs = (kind, inputs) if states else ("sum", "none")
     elif kind == "second_order" and c[3] > 0.0:
         p, states = (c[0], c[1], c[2], c[3]), 2
     elif kind == "second_order":  # first order, or no dynamics
@@ -115,8 +124,16 @@ def _plain(block: Block, data: Any) -> _Plain:
         p = (turned.real, turned.imag, behind.real, behind.imag)
     elif kind == "rectifier":
         p = (c[0], 0.0, 0.0, 0.0)
+    elif kind == "pi":
+        p, states = (c[0], c[1], 0.0, 0.0), int(c[1] != 0.0)
+    elif kind in ("window", "saturation"):
+        p = (*c, 0.0, 0.0, 0.0)[:4]
+    elif kind == "relay" and c[1] < 0.0:  # always on
+        inputs = "one"
+    elif kind == "relay":
+        p, states = (c[0], c[1], c[2], 0.0), 1
     low, high = (None if limit is None else _number(limit, data) for limit in (block.low, block.high))
-    return _Plain(block.name, kind, block.inputs, p, states, low, high, block.low_of, block.high_of)
+    return _Plain(block.name, kind, inputs, p, states, low, high, block.low_of, block.high_of)
 
 
 def _spread(blocks: Sequence[Block], data: Any) -> list[Block]:
@@ -170,7 +187,7 @@ def _in_order(blocks: Sequence[_Plain], data: Any) -> list[_Plain]:
 def _needs(block: _Plain, data: Any) -> set[str]:
     """Signals with direct feedthrough to a block's output."""
     limits = {block.low_of, block.high_of}
-    at_once = block.kind in FEEDTHROUGH or not block.states
+    at_once = not block.states or block.kind in FEEDTHROUGH or (block.kind == "pi" and block.p[0] != 0.0)
     return limits | {name for name, _ in _inputs(block.inputs, data)} if at_once else limits
 
 
@@ -201,6 +218,16 @@ class Rest(NamedTuple):
     violations: list[LimitViolation]
 
 
+def self_excited(block_control: Control, field_voltage: float) -> Control:
+    """The control with each KE of 0 set so that VR is 0 at the start, as in PSS/E: KE = -SE(Efd)."""
+    rows = block_control.rows.copy()
+    for row in rows:
+        if row["kind"] == kernel.FIELD and row["p"][0] == 0.0:
+            beyond = max(0.0, field_voltage - row["p"][2])
+            row["p"][0] = -row["p"][3] * beyond * beyond / field_voltage
+    return block_control._replace(rows=rows)
+
+
 def at_rest(
     block_control: Control, data: Any, sensed: Mapping[str, float], gives: float | None, reference: str | None
 ) -> Rest:
@@ -212,8 +239,9 @@ def at_rest(
     for name, value in {"one": 1.0, **sensed}.items():
         s[kernel.SENSED.index(name)] = value
     free = block_control.rows.copy()
-    free["low"], free["high"] = -kernel.NO_LIMIT, kernel.NO_LIMIT
-    free["low_of"] = free["high_of"] = kernel.ONE
+    freed = free["kind"] != kernel.LIMITER
+    free["low"][freed], free["high"][freed] = -kernel.NO_LIMIT, kernel.NO_LIMIT
+    free["low_of"][freed] = free["high_of"][freed] = kernel.ONE
     output = block_control.gives.index(GIVES[MODELS[data.model].role])
     n, at = len(block_control.states), len(kernel.SENSED)
 
@@ -225,16 +253,24 @@ def at_rest(
         kernel.derivatives(free, 0, len(free), x, s, dx)
         return np.append(dx, s[at + output] - gives) if reference is not None and gives is not None else dx
 
-    z = np.full(n + (reference is not None), 1.0 if gives is None else gives)
-    for _ in range(50):
-        left = moves(z)
-        if np.abs(left).max(initial=0.0) < TOLERANCE:
+    for scale in STARTS:
+        z = _zero(moves, np.full(n + (reference is not None), scale * (1.0 if gives is None else gives)))
+        if z is not None:
             break
-        slopes = [(moves(z + step) - moves(z - step)) / (2.0 * step.max()) for step in 1e-6 * np.eye(len(z))]
-        z = z - least_squares(np.array(slopes).T, left)
     else:
         raise InputError(f"{data.model} of {data.machine}: no steady state found at the start")
     return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _violations(block_control, data, s))
+
+
+def _zero(f: Callable[[Float1], Float1], z: Float1) -> Float1 | None:
+    """Zero of a function by Newton's method from a point on; None: it does not converge."""
+    for _ in range(STEPS):
+        left = f(z)
+        if np.abs(left).max(initial=0.0) < TOLERANCE:
+            return z
+        slopes = [(f(z + step) - f(z - step)) / (2.0 * step.max()) for step in 1e-6 * np.eye(len(z))]
+        z = z - least_squares(np.array(slopes).T, left)
+    return None
 
 
 def _violations(block_control: Control, data: Any, s: Float1) -> list[LimitViolation]:

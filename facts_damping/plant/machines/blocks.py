@@ -28,6 +28,7 @@ ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
 (SUM, LAG, LEAD_LAG, WASHOUT, RATE, SERVO, FIELD, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER, INTEGRAL, EXPONENTIAL) = (
     range(13)
 )
+LIMITER, PI, WINDOW, RELAY, SATURATION, QUOTIENT = range(13, 19)
 # Names of these codes.
 KINDS = (
     "sum",
@@ -43,6 +44,12 @@ KINDS = (
     "rectifier",
     "integral",
     "exponential",
+    "limiter",
+    "pi",
+    "window",
+    "relay",
+    "saturation",
+    "quotient",
 )
 MAX_INPUTS = 5
 NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
@@ -106,7 +113,9 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
 
     lag, servo, field, exponential, integral: x within its limits; lead_lag: K (x + T1/T2 (u - x)); washout, rate:
     K (u - x), K/T (u - x); second_order: numerator over denominator in the companion form; product of two; source:
-    |KP Vt + j (KI + KP XL) It|; sum, and blocks with zero time constant: K u.
+    |KP Vt + j (KI + KP XL) It|; sum, and blocks with zero time constant: K u. limiter: a sum whose limits belong to its
+    function, so that they hold at the start, too; pi: K u + x, limited; window: its second input while the first is
+    between two constants, else the third; relay: x; saturation: K u + B (u - A)^2 above A; quotient of two.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -119,11 +128,21 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
             y = magnitude(complex(b.p[0], b.p[1]) * voltage + complex(b.p[2], b.p[3]) * current)
         elif b.kind == RECTIFIER:
             y = _rectified(s[b.source[0]], b.p[0] * s[b.source[1]])
+        elif b.kind == WINDOW:
+            passed = 1 if b.p[0] <= s[b.source[0]] <= b.p[1] else 2
+            y = b.weight[passed] * s[b.source[passed]]
+        elif b.kind == SATURATION:
+            beyond = max(0.0, u - b.p[1])
+            y = b.p[0] * u + b.p[2] * beyond * beyond
+        elif b.kind == QUOTIENT:
+            y = _limited(b, s[b.source[0]] / s[b.source[1]], s)
         elif b.state < 0:
             y = _limited(b, b.p[0] * u, s)
         elif b.kind == LEAD_LAG:
             state = x[b.state]
             y = _limited(b, b.p[0] * (state + b.p[1] * (u - state)), s)
+        elif b.kind == PI:
+            y = _limited(b, b.p[0] * u + x[b.state], s)
         elif b.kind in (WASHOUT, RATE):
             y = b.p[0] * (u - x[b.state])
         elif b.kind == SECOND_ORDER:
@@ -145,7 +164,8 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
 
     lag: T dx = K u - x; lead_lag, washout, rate: T dx = u - x; servo: dx = clip((u - x) / T, rates); field:
     TE dx = u - KE x - SE(x) x; exponential: the same with SE(x) = A exp(B x); integral: dx = K u. States of lag, servo
-    and integral stop at their limits.
+    and integral stop at their limits. pi: dx = KI u until its output is at a limit; relay: T dx = 1 - x from one
+    threshold of u up, -x from the other down, between them to the nearer of both.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -163,13 +183,19 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
             slope = (u - (b.p[0] + b.p[2] * exp(b.p[3] * state)) * state) / b.p[1]
         elif b.kind == INTEGRAL:
             slope = b.p[0] * u
+        elif b.kind == PI:
+            slope = b.p[1] * u
+        elif b.kind == RELAY:
+            on = u >= b.p[1] or (u > b.p[0] and state > 0.5)
+            slope = ((1.0 if on else 0.0) - state) / b.p[2]
         elif b.kind == SECOND_ORDER:
             dx[b.state + 1] = _acceleration(b, u, x)
             slope = x[b.state + 1]
         else:
             slope = (u - state) / b.p[2]
-        if b.kind in (LAG, SERVO, INTEGRAL):
-            above, below = state >= b.high * s[b.high_of], state <= b.low * s[b.low_of]
+        if b.kind in (LAG, SERVO, INTEGRAL, PI):
+            reached = b.p[0] * u + state if b.kind == PI else state
+            above, below = reached >= b.high * s[b.high_of], reached <= b.low * s[b.low_of]
             if (above and slope > 0.0) or (below and slope < 0.0):
                 slope = 0.0
         dx[b.state] = slope

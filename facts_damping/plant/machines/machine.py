@@ -42,6 +42,7 @@ MACHINE = np.dtype(
         ("H", "f8"),  # s
         ("D", "f8"),  # p.u. of the rating
         ("speed", "f8"),  # 1: the speed multiplies the EMF, E (1 + omega)
+        ("shaft", "f8"),  # 1: the speed divides the turbine's power, Pm / (1 + omega)
         ("Ra", "f8"),  # p.u. of the rating, as the stator's reactances
         ("Xd", "f8"),
         ("Xq", "f8"),
@@ -295,7 +296,7 @@ def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArra
     d, q = stator_reactances(m)
     row["offset"], row["circuits"] = offset, n
     row["ratio"], row["H"], row["D"], row["Ra"], row["Xd"], row["Xq"] = ratio, m.H, m.D, m.Ra, d, q
-    row["speed"] = float(m.speed_voltage)
+    row["speed"], row["shaft"] = float(m.speed_voltage), float(m.speed_torque)
     row["admittance"] = over(ratio, complex(m.Ra, d))
     stator, alike = (solve(np.array([[m.Ra, -x], [d, m.Ra]]), np.eye(2)) for x in (q, d))
     row["saliency"] = ratio * (stator - alike)

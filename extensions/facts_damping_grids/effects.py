@@ -1,0 +1,40 @@
+"""What it can change that a record is replaced or left out, by what it is for."""
+
+from __future__ import annotations
+
+import re
+
+SOURCE = "no control of voltage, power or frequency, no swing of its own; it keeps its current"
+EFFECTS = {
+    "limiter": "field current is not limited",
+    "compensator": "the exciter controls the voltage at the terminals, not at the point behind the impedance",
+    "stabiliser": "swings are less damped",
+    "governor": "its mechanical power stays: frequency settles elsewhere",
+    "exciter": "its field voltage stays: voltages sag further and swings are damped otherwise",
+    "inverter": SOURCE,
+    "relay": "it trips nothing",
+    "load": "the load depends on voltage as the power flow's load does",
+    "other": "what it does is missing",
+}
+# Models of the PSS/E library by what they are for; the first that matches counts.
+FAMILIES = {
+    "inverter": r"REG(C|FM)|REEC|REPC|WT[1-4]|WT(GT|DT|AR|PT|TQ)|PV[GDE]|GEWT|DER_?A|GFM",
+    "limiter": r"MAXEX|MINEX|MNLEX|UEL|OEL|SCL",
+    "compensator": r"IEEEVC|(RE)?M?COMP|CCOMP",
+    "stabiliser": r"PSS|STAB|IEEEST|ST2CUT|IVOST|OSTB|PTIST|STBSVC",
+    "governor": r".*GOV|IEEEG|IEESGO|.*GAST|HYG|WSIEG|WSHY|PID|WPIDHY|WEHGOV|UCBGT|URGS|H6E|TWDM|IVOGO|TURCZ",
+    "exciter": r"EX|ES[ADSUT]|IEEE[TX]|AC\d|DC\d|ST\d|SCRX|SEXS|URST|REXS|BBSEX|CELIN|IVOEX|EMAC|BUDCZT|OEX",
+    "relay": r"DIST|CIROS|VTG|FRQ|LOE|RELAY|SLLP|SLNOS|UVLS|UFLS|LDS|LVS|TIOCR",
+    "load": r"CMLD|CLOD|IEEL|LDFR|ACMT|CIM|CMOT|CIMTR",
+}
+OF_FAMILY = {family: re.compile(pattern) for family, pattern in FAMILIES.items()}
+
+
+def family(model: str) -> str:
+    """What a model of the library is for, by its name; `other` if that does not say it."""
+    return next((name for name, pattern in OF_FAMILY.items() if pattern.match(model)), "other")
+
+
+def effect_of(model: str) -> str:
+    """What it can change that a model is left out or replaced."""
+    return EFFECTS[family(model)]

@@ -1,0 +1,96 @@
+"""Records of controls (DYR) as rows of a system's exciters, stabilisers and governors.
+
+References: PSS/E Model Library (DYR records).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from facts_damping.errors import InputError
+from facts_damping.machine_controls.block_models import MODELS, quantity_of
+from facts_damping.machine_controls.blocks import SHORTEST, TABLES
+from facts_damping_grids.effects import effect_of
+from facts_damping_grids.notes import of_record, where
+from facts_damping_grids.psse_machines import constants
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping_grids.notes import Note, Outcome
+    from facts_damping_grids.psse_reading import Dynamic, Row
+    from facts_damping_grids.psse_units import Unit
+
+HYGOV = "R r Tr Tf Tg rate_max gate_max gate_min Tw At Dt q_nl"
+NOT_SEEN = "what is faster than 2 ms, which no swing is"
+
+
+def role_of(model: str) -> str:
+    """What a control that is modelled is for; empty: it is not modelled."""
+    if model == "HYGOV":
+        return "governor"
+    return MODELS[model].role if model in MODELS and MODELS[model].record else ""
+
+
+def with_effect(
+    records: Sequence[Dynamic], unit: Unit, classical: bool, file: str, notes: list[str | Note]
+) -> list[Dynamic]:
+    """The controls of a machine that act on it; notes of the others: not modelled, or without what they act on."""
+    acting = []
+    excited = not classical and any(role_of(record.model) == "exciter" for record in records)
+    for record in records:
+        role, reason = role_of(record.model), ""
+        if not role:
+            reason = "is not modelled"
+        elif classical and role != "governor":
+            reason = "has no effect on GENCLS, whose field is constant"
+        elif role == "stabiliser" and not excited:
+            reason = "has no exciter to act on"
+        if not reason:
+            acting.append(record)
+            continue
+        outcome: Outcome = "idle" if role and classical else "left out"
+        effect = effect_of(record.model) if outcome == "left out" else ""
+        notes.append(of_record(record, unit.name, file, f"{reason}: left out", outcome, effect))
+    return acting
+
+
+def add_control(
+    record: Dynamic, unit: Unit, file: str, controls: dict[str, list[Row]], notes: list[str | Note]
+) -> None:
+    """Add the record of a control that is modelled to its table.
+
+    Raises `InputError` if there are too few constants, or the machine has such a control already.
+    """
+    table = "governors" if record.model == "HYGOV" else TABLES[MODELS[record.model].role]
+    if any(row["machine"] == unit.name for row in controls[table]):
+        raise InputError(f"{where(record, file)}: {unit.name} has one of the {table} already; allowed: one")
+    order = HYGOV if record.model == "HYGOV" else MODELS[record.model].fields
+    row: Row = {"machine": unit.name, "model": record.model, **constants(record, order, file)}
+    if record.model == "HYGOV":
+        if row["gate_min"] < 0.001:
+            row["gate_min"] = 0.001
+            text = "GMIN is raised to 0.001: the flow is divided by the gate"
+            notes.append(of_record(record, unit.name, file, text))
+    else:
+        notes += _adapted(row, record, unit, file)
+    controls[table].append(row)
+
+
+def _adapted(row: Row, record: Dynamic, unit: Unit, file: str) -> list[Note]:
+    """Change constants that PSS/E or our blocks take otherwise than as they stand; notes of what was changed."""
+    notes = []
+    short = [
+        name for name in MODELS[record.model].fields.split() if 0.0 < row[name] < SHORTEST and quantity_of(name).time
+    ]
+    for name in short:
+        row[name] = 0.0
+    if short:
+        text = f"{', '.join(short)} below {SHORTEST:g} s: taken as 0"
+        notes.append(of_record(record, unit.name, file, text, "replaced", NOT_SEEN))
+    if "E2" in row and row.get("VRMAX") == 0.0:  # of a rotating exciter: the value for the field voltage E2
+        row["VRMAX"] = (max(row["KE"], 0.0) + row["SE2"]) * row["E2"] or 1.0
+        row["VRMIN"] = -row["VRMAX"]
+        text = f"VRMAX is 0: taken as {row['VRMAX']:.4g}, VRMIN as its negative"
+        notes.append(of_record(record, unit.name, file, text))
+    return notes

@@ -1,0 +1,126 @@
+"""Records of a DYR file as what stands for each generator: machine and controls, source, or constant current."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from facts_damping.machine_controls.blocks import TABLES
+from facts_damping.output.tables import some_of
+from facts_damping_grids import psse_controls
+from facts_damping_grids.effects import EFFECTS, SOURCE, effect_of, family
+from facts_damping_grids.matpower_conversion import TYPICAL
+from facts_damping_grids.notes import Note, of_record, where
+from facts_damping_grids.psse_machines import MACHINES, is_source, machine_of
+from facts_damping_grids.psse_reading import Dynamic
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping_grids.problems import Problems
+    from facts_damping_grids.psse_reading import Dyr, RawCase, Row
+    from facts_damping_grids.psse_units import Unit
+
+    Records = dict[str, list[Dynamic]]  # by the name of their unit
+
+
+class Dynamics(NamedTuple):
+    """By names of units: constants of machines, infinite sources, constant currents, machines with typical data.
+
+    And controls of machines by table.
+    """
+
+    machines: dict[str, Row]
+    sources: list[str]
+    currents: list[str]
+    typical: list[str]
+    controls: dict[str, list[Row]]
+
+
+def without(listed: Sequence[Unit]) -> Dynamics:
+    """A case without DYR file: machines with typical data."""
+    names = [unit.name for unit in listed]
+    return Dynamics({name: dict(TYPICAL) for name in names}, [], [], names, {})
+
+
+def read(
+    case: RawCase, listed: Sequence[Unit], dyr: Dyr, file: str, notes: list[str | Note], problems: Problems
+) -> Dynamics:
+    """What the records of a DYR file make of the units; `file`: its name."""
+    dynamics = Dynamics({}, [], [], [], {table: [] for table in TABLES.values()})
+    for line, text in dyr.unread:
+        alone = f"{file}: line {line}: {text} ... is no record of a machine: left out"
+        common = f"{file}: no records of machines: left out"
+        notes.append(Note(alone, common, "lines", str(line), "other", "left out", EFFECTS["other"], line))
+    models, others = _by_unit(case, listed, dyr, file, notes, problems)
+    for unit in listed:
+        record, more = models.get(unit.name), others.get(unit.name, [])
+        if record is None:
+            dynamics.currents.append(unit.name)
+            notes += _as_current(unit, more, file)
+        elif is_source(record):
+            dynamics.sources.append(unit.name)
+            text = "acts on an infinite source, which stays as it is: left out"
+            notes += [of_record(other, unit.name, file, text, "idle") for other in more]
+        else:
+            with problems.collected():
+                dynamics.machines[unit.name] = machine_of(record, unit, file, notes)
+            for other in psse_controls.with_effect(more, unit, record.model == "GENCLS", file, notes):
+                with problems.collected():
+                    psse_controls.add_control(other, unit, file, dynamics.controls, notes)
+    return dynamics
+
+
+def _by_unit(
+    case: RawCase, listed: Sequence[Unit], dyr: Dyr, file: str, notes: list[str | Note], problems: Problems
+) -> tuple[dict[str, Dynamic], Records]:
+    """The machine record of each unit that has one, and its other records."""
+    by_place = {(unit.bus, unit.machine): unit for unit in listed}
+    in_case = {(int(row["I"]), str(row["ID"])) for row in case.tables["generator"]}
+    models, others = dict[str, Dynamic](), dict[str, list[Dynamic]]()
+    for record in dyr.records:
+        place = record.bus, record.machine
+        unit = by_place.get(place)
+        if unit is None:
+            notes.append(_without_machine(record, file, out_of_service=place in in_case))
+        elif record.model not in MACHINES:
+            others.setdefault(unit.name, []).append(record)
+        elif unit.name in models:
+            which = f"machine {record.machine} at bus {record.bus}"
+            problems.add(f"{where(record, file)}: a second model of {which} given; allowed: one")
+        else:
+            models[unit.name] = record
+    return models, others
+
+
+def _without_machine(record: Dynamic, file: str, *, out_of_service: bool) -> Note:
+    """The note on a record whose machine is out of service, or not in the case."""
+    state = "in service" if out_of_service else "in the case"
+    alone = f"{where(record, file)}: no machine {record.machine} at bus {record.bus} {state}: left out"
+    common, element = f"{file}: {record.model}: no machine {state}: left out", f"{record.machine} at bus {record.bus}"
+    if out_of_service:
+        return Note(alone, common, "records", element, record.model, "idle", line=record.line)
+    return Note(alone, common, "records", element, record.model, "left out", effect_of(record.model), record.line)
+
+
+def _as_current(unit: Unit, records: Sequence[Dynamic], file: str) -> list[Note]:
+    """Notes on a unit that becomes a constant current: by models of an inverter, or for want of a machine."""
+    inverter = any(family(record.model) == "inverter" for record in records)
+    notes = []
+    for record in records:
+        if family(record.model) == "inverter":
+            text = "a constant current stands for the inverter"
+            notes.append(of_record(record, unit.name, file, text, "replaced", SOURCE))
+            continue
+        known = psse_controls.role_of(record.model)
+        text = "is left out with its machine, for which a constant current stands"
+        text = text if known else "is no machine model that is known: left out"
+        notes.append(of_record(record, unit.name, file, text, "left out", effect_of(record.model)))
+    if not inverter:
+        models = f"only {some_of([record.model for record in records])}" if records else "no record"
+        text = f"{models} in {file}: a constant current of its P and Q"
+        common = f"generator: no model of a machine in {file}: constant currents of their P and Q"
+        alone = f"line {unit.row['line']}: generator: {unit.name} has {text}"
+        notes.append(
+            Note(alone, common, "generators", unit.name, "generator", "replaced", SOURCE, int(unit.row["line"]))
+        )
+    return notes

@@ -1,0 +1,77 @@
+"""Records of machine models (DYR) as machines of a system.
+
+References: PSS/E Model Library (DYR records).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from facts_damping.errors import InputError
+from facts_damping_grids.notes import Note, of_record, where
+
+if TYPE_CHECKING:
+    from facts_damping_grids.psse_reading import Dynamic, Row
+    from facts_damping_grids.psse_units import Unit
+
+ROUND = "Td01 Td02 Tq01 Tq02 H D Xd Xq Xd1 Xq1 Xd2 Xl S10 S12"
+SALIENT = "Td01 Td02 Tq02 H D Xd Xq Xd1 Xd2 Xl S10 S12"
+
+
+class MachineModel(NamedTuple):
+    """A machine model of the library: ours, the constants of its record in their order, what our model does otherwise.
+
+    `differs`: that, and what it can change.
+    """
+
+    model: str
+    order: str
+    differs: tuple[str, str] | None = None
+
+
+_EXPONENTIAL = (
+    "exponential saturation is taken as quadratic through the same two points",
+    "angle and field voltage by some percent, above all where saturation is high",
+)
+MACHINES = {
+    "GENROU": MachineModel("genrou", ROUND),
+    "GENROE": MachineModel("genrou", ROUND, _EXPONENTIAL),
+    "GENSAL": MachineModel("genrou", SALIENT),
+    "GENSAE": MachineModel("genrou", SALIENT, _EXPONENTIAL),
+    "GENCLS": MachineModel("classical", "H D"),
+}
+
+
+def is_source(record: Dynamic) -> bool:
+    """Whether a record is an infinite source: a constant voltage behind ZSORCE, as PSS/E takes GENCLS with H = 0."""
+    return record.model == "GENCLS" and record.values[:1] == (0.0,)
+
+
+def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) -> Row:
+    """Constants of a machine by our names. Raises `InputError` if there are too few or the inertia is negative."""
+    of_library = MACHINES[record.model]
+    row: Row = {"model": of_library.model, "speed_torque": True, "Ra": unit.row["ZR"]}
+    row |= constants(record, of_library.order, file)
+    if row["H"] <= 0.0:
+        allowed = "above 0" if record.model != "GENCLS" else "above 0, or 0 for an infinite source"
+        raise InputError(f"{where(record, file)}: H = {row['H']:g} given; allowed: {allowed}")
+    if of_library.differs is not None:
+        text, effect = of_library.differs
+        notes.append(of_record(record, unit.name, file, text, "replaced", effect))
+    if of_library.model == "classical":
+        return row | {"Xd1": unit.row["ZX"]}
+    row["Xq2"] = row["Xd2"]
+    if row["S10"] == 0.0 < row["S12"]:
+        notes.append(of_record(record, unit.name, file, "S(1.0) is 0: without saturation, as in PSS/E"))
+    if row["S10"] == 0.0 or row["S12"] <= row["S10"]:
+        row["S10"] = row["S12"] = 0.0
+    return row
+
+
+def constants(record: Dynamic, order: str, file: str) -> dict[str, float]:
+    """The constants of a record by their names."""
+    names = order.split()
+    if len(record.values) < len(names):
+        given = f"{len(record.values)} constants given; allowed: {len(names)}, {' '.join(names)}"
+        raise InputError(f"{where(record, file)}: {given}")
+    return dict(zip(names, record.values, strict=False))

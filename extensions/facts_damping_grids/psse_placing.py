@@ -1,0 +1,110 @@
+"""Units of a case as rows of a system, at their place in the solved power flow.
+
+A machine stands at its bus, or behind its step-up transformer. An infinite source is an infinite bus behind a line of
+its impedance ZSORCE. A constant current is a load of negative power.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from facts_damping.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from facts_damping_grids.psse_dynamics import Dynamics
+    from facts_damping_grids.psse_reading import RawCase, Row
+    from facts_damping_grids.psse_units import Terminal, Unit
+
+LEAST_REACTANCE = 1e-6  # p.u. of the system base, of an infinite source without one
+CURRENT = {"current": 1}
+
+
+class Placed(NamedTuple):
+    """Rows by table of a system."""
+
+    buses: list[Row]
+    lines: list[Row]
+    transformers: list[Row]
+    loads: list[Row]
+    infinite_buses: list[Row]
+    machines: list[Row]
+
+
+class _Place(NamedTuple):
+    """A unit, the bus of its terminals, their voltage and power in the power flow; `behind`: a step-up transformer."""
+
+    unit: Unit
+    bus: str
+    terminal: Terminal
+    behind: bool
+
+
+def placed(
+    listed: Sequence[Unit],
+    dynamics: Dynamics,
+    terminals: Mapping[str, Terminal],
+    voltages: Mapping[int, float],
+    case: RawCase,
+    buses: Mapping[int, Row],
+) -> Placed:
+    """Rows of all units, so that the power flow stays what it was with machines at their buses."""
+    rows, places = Placed([], [], [], [], [], []), list[_Place]()
+    for unit in listed:
+        terminal, record = terminals[unit.name], unit.row
+        if unit.name in dynamics.currents:
+            power = -terminal.power * case.base_power
+            shape = {"P_fractions": CURRENT, "Q_fractions": CURRENT}
+            row = {"name": f"current_{unit.name}", "bus": f"B{unit.bus}", "P": power.real, "Q": power.imag}
+            rows.loads.append(row | shape)
+            continue
+        place = _Place(unit, f"B{unit.bus}", terminal, behind=False)
+        if record["XT"] or record["RT"]:
+            place = _step_up(place, case, rows)
+        if unit.name in dynamics.sources:
+            _add_source(place, case, rows)
+        else:
+            places.append(place)
+    if not places:
+        raise InputError(f"generator: none that swings given, {len(listed)} in service; allowed: at least one machine")
+    slack = None if rows.infinite_buses else _slack(places, buses)
+    together = [place.bus for place in places]
+    for place in places:
+        unit, base = place.unit, case.base_power
+        V = abs(place.terminal.voltage) if place.behind else voltages[unit.bus]
+        power = place.terminal.power * base
+        row = {"name": unit.name, "bus": place.bus, "area": f"area_{int(buses[unit.bus]['AREA'])}"}
+        dispatch = {"slack": True, "angle": place.terminal.angle} if place is slack else {"P": power.real}
+        shared = {"Q": power.imag} if together.count(place.bus) > 1 else {}
+        row |= {"rating": unit.rating, "V": V} | dispatch | shared | dynamics.machines[unit.name]
+        rows.machines.append(row)
+    return rows
+
+
+def _slack(places: Sequence[_Place], buses: Mapping[int, Row]) -> _Place:
+    """The largest machine at a bus of type 3, or of all if there is none left there."""
+    at_reference = [place for place in places if buses[place.unit.bus]["IDE"] == 3]
+    return max(at_reference or places, key=lambda place: place.unit.rating)
+
+
+def _step_up(place: _Place, case: RawCase, rows: Placed) -> _Place:
+    """Add the step-up transformer of a unit's record; the unit stands behind it."""
+    unit, record = place.unit, place.unit.row
+    bus, tap = f"{unit.name}_terminal", record["GTAP"] or 1.0
+    ends = {"name": f"T_{unit.name}", "from": place.bus, "to": bus, "rating": unit.rating}
+    rows.buses.append({"name": bus, "nominal_voltage": 1.0})
+    rows.transformers.append(ends | {"r": record["RT"], "x": record["XT"], "tap": tap})
+    z = complex(record["RT"], record["XT"]) * case.base_power / unit.rating
+    return _Place(unit, bus, place.terminal.behind(z, tap), behind=True)
+
+
+def _add_source(place: _Place, case: RawCase, rows: Placed) -> None:
+    """Add a constant voltage behind ZSORCE = ZR + j ZX, p.u. of MBASE: E = V + ZSORCE conj(S / V)."""
+    unit, record = place.unit, place.unit.row
+    z = complex(record["ZR"], record["ZX"]) * case.base_power / unit.rating
+    z = complex(z.real, z.imag or LEAST_REACTANCE)
+    inner, name = place.terminal.behind(z), f"{unit.name}_source"
+    rows.buses.append({"name": name, "nominal_voltage": 1.0})
+    rows.lines.append({"name": f"line_{name}", "from": place.bus, "to": name, "r": z.real, "x": z.imag})
+    rows.infinite_buses.append({"name": unit.name, "bus": name, "V": abs(inner.voltage), "angle": inner.angle})

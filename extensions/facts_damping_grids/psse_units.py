@@ -1,0 +1,107 @@
+"""Generators of PSS/E records: those in service, and how each stands in the solved power flow."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections import Counter
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping.errors import InputError
+from facts_damping.parameters.field_errors import check
+from facts_damping.parameters.plant.system import System
+from facts_damping.plant.grid.power_flow import solve
+from facts_damping_grids import matpower_conversion
+from facts_damping_grids import psse_network as network
+from facts_damping_grids.notes import Note
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from facts_damping_grids.psse_reading import RawCase, Row
+
+
+class Unit(NamedTuple):
+    """A generator in service: its name in the system, its bus and identifier in the case, its record."""
+
+    name: str
+    bus: int
+    machine: str
+    row: Row
+    rating: float  # MVA
+
+
+class Terminal(NamedTuple):
+    """Voltage and power (p.u. of the system base) at the terminals of a unit, behind its step-up transformer if any."""
+
+    voltage: complex
+    power: complex
+
+    def behind(self, z: complex, tap: float = 1.0) -> Terminal:
+        """Voltage and power on the other side of a transformer, of which they are at the side of the tap."""
+        current = tap * (self.power / self.voltage).conjugate()
+        voltage = self.voltage / tap + z * current
+        return Terminal(voltage, voltage * current.conjugate())
+
+    @property
+    def angle(self) -> float:
+        """Angle of the voltage, deg."""
+        return math.degrees(cmath.phase(self.voltage))
+
+
+def units(case: RawCase, buses: Mapping[int, Row], notes: list[str | Note]) -> list[Unit]:
+    """Generators in service."""
+    rows = [row for row in case.tables["generator"] if row["STAT"] == 1 and network.bus_of(row, buses)]
+    count = Counter(int(row["I"]) for row in rows)
+    if not rows:
+        raise InputError("generator: none in service given; allowed: at least one")
+    left = len(case.tables["generator"]) - len(rows)
+    if left:
+        notes.append(f"{left} generators are out of service: left out")
+    listed = []
+    for row in rows:
+        n, name = int(row["I"]), f"G{int(row['I'])}"
+        name = name if count[n] == 1 else f"{name}_{row['ID']}"
+        listed.append(Unit(name, n, str(row["ID"]), row, row["MBASE"] or case.base_power))
+    return listed
+
+
+def slack_of(listed: Sequence[Unit], buses: Mapping[int, Row]) -> Unit:
+    """The largest unit at a bus of type 3. Raises `InputError` if there is none."""
+    at_reference = [unit for unit in listed if buses[unit.bus]["IDE"] == matpower_conversion.REFERENCE]
+    if not at_reference:
+        raise InputError("bus: no generator in service at a bus of type 3 given; allowed: at least one")
+    return max(at_reference, key=lambda unit: unit.rating)
+
+
+def held(listed: Sequence[Unit], buses: Mapping[int, Row], notes: list[str | Note]) -> dict[int, float]:
+    """Voltages of the buses with units, p.u.: the scheduled one, or the solved one where a unit does not control it."""
+    voltages: dict[int, float] = {}
+    for unit in listed:
+        bus, V = buses[unit.bus], unit.row["VS"]
+        if bus["IDE"] == matpower_conversion.PQ or (unit.row["IREG"] and unit.row["IREG"] != unit.bus):
+            V = bus["VM"]
+            alone = f"{unit.name} does not control the voltage of its bus: here it does, at {V:g} p.u."
+            common = "do not control the voltage of their buses: here they do"
+            notes.append(Note(alone, common, "machines", unit.name))
+        voltages[unit.bus] = V
+    return voltages
+
+
+def solved(
+    grid: Mapping[str, Any], listed: Sequence[Unit], voltages: Mapping[int, float], buses: Mapping[int, Row]
+) -> dict[str, Terminal]:
+    """The power flow with all units at their buses, which hold their voltages: voltage and power of each by its name.
+
+    `grid`: the content of a system without units. Raises `InputError` if the power flow does not converge.
+    """
+    slack, machines = slack_of(listed, buses), []
+    for unit in listed:
+        dispatch = {"slack": True, "angle": buses[unit.bus]["VA"]} if unit is slack else {"P": unit.row["PG"]}
+        place = {"name": unit.name, "bus": f"B{unit.bus}", "rating": unit.rating, "V": voltages[unit.bus]}
+        machines.append(place | dispatch | {"Q": unit.row["QG"]} | matpower_conversion.TYPICAL)
+    pmus = [{"name": slack.name, "machine": slack.name}]
+    content = matpower_conversion.filled({**grid, "machines": machines, "pmus": pmus})
+    flow = solve(check(System, content, "power flow"))
+    at = flow.by_bus
+    return {unit.name: Terminal(at[f"B{unit.bus}"], flow.generation[unit.name]) for unit in listed}
