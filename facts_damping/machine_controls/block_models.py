@@ -20,14 +20,14 @@ for package, models in rows("machine_controls", dict).items():
 # What stands for `input` and `input_2` of a stabiliser by its code IC; 2 is the frequency of a bus, for which the speed
 # of the machine stands; 0: there is none.
 INPUTS = {0: "none", 1: "omega", 2: "omega", 3: "Pe", 4: "Pa", 5: "Vt"}
-_COUNTS = {"SWITCH", "CSWITCH", "JBUS", "JM", "IC", "IC2", "IB", "IB2", "M", "N"}
+_COUNTS = {"SWITCH", "CSWITCH", "JBUS", "JM", "IC", "IC2", "IB", "IB2", "M", "N", "IBLOCK"}
 
 
 def quantity_of(name: str) -> Quantity:
     """Unit, meaning and range of a field, by its name: those of the library's data sheets."""
     if name in _COUNTS:
         return Quantity("-", "as in the library", 0.0, 1e6)
-    if name[0] == "T" and name not in ("TATB", "THETAP"):
+    if name[0] == "T" and name not in ("TATB", "THETAP", "TMAX", "TMIN"):
         return Quantity("s", "time constant", 0.0, 1000.0, time=True)
     if name[0] == "A" and name[1:].isdigit():
         return Quantity("s, s²", "coefficient of a filter", 0.0, 1000.0)

@@ -28,6 +28,7 @@ ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
 (SUM, LAG, LEAD_LAG, WASHOUT, RATE, SERVO, FIELD, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER, INTEGRAL, EXPONENTIAL) = (
     range(13)
 )
+CURVE, DEAD_TIME = 13, 14
 # Names of these codes.
 KINDS = (
     "sum",
@@ -43,8 +44,11 @@ KINDS = (
     "rectifier",
     "integral",
     "exponential",
+    "curve",
+    "dead_time",
 )
 MAX_INPUTS = 5
+POINTS = 5  # of a curve
 NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
 STATELESS = -1
 
@@ -55,7 +59,7 @@ BLOCK = np.dtype(
         ("inputs", "i8"),
         ("source", "i8", (MAX_INPUTS,)),  # input signals
         ("weight", "f8", (MAX_INPUTS,)),
-        ("p", "f8", (4,)),
+        ("p", "f8", (2 * POINTS,)),
         ("low", "f8"),
         ("high", "f8"),
         ("low_of", "i8"),  # signals that multiply the limits
@@ -101,12 +105,21 @@ def _rectified(voltage: float, current: float) -> float:
 
 
 @compiled
+def _on_curve(b: Any, u: float) -> float:
+    """The line through the points (p[0], p[1]), (p[2], p[3]) and on, at u; its ends go on straight."""
+    i = 0
+    while i < 2 * (POINTS - 2) and u > b.p[i + 2]:
+        i += 2
+    return b.p[i + 1] + (u - b.p[i]) * (b.p[i + 3] - b.p[i + 1]) / (b.p[i + 2] - b.p[i])  # type: ignore[no-any-return]
+
+
+@compiled
 def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: Float1) -> None:
     """Write the signals of rows `first` to `end` into `s`, from index `at` on, for states `x`.
 
     lag, servo, field, exponential, integral: x within its limits; lead_lag: K (x + T1/T2 (u - x)); washout, rate:
     K (u - x), K/T (u - x); second_order: numerator over denominator in the companion form; product of two; source:
-    |KP Vt + j (KI + KP XL) It|; sum, and blocks with zero time constant: K u.
+    |KP Vt + j (KI + KP XL) It|; dead_time: the sum of its states; sum, and blocks with zero time constant: K u.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -119,6 +132,8 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
             y = magnitude(complex(b.p[0], b.p[1]) * voltage + complex(b.p[2], b.p[3]) * current)
         elif b.kind == RECTIFIER:
             y = _rectified(s[b.source[0]], b.p[0] * s[b.source[1]])
+        elif b.kind == CURVE:
+            y = _on_curve(b, u)
         elif b.state < 0:
             y = _limited(b, b.p[0] * u, s)
         elif b.kind == LEAD_LAG:
@@ -128,6 +143,10 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
             y = b.p[0] * (u - x[b.state])
         elif b.kind == SECOND_ORDER:
             y = x[b.state] + b.p[0] * x[b.state + 1] + b.p[1] * _acceleration(b, u, x)
+        elif b.kind == DEAD_TIME:
+            y = 0.0
+            for i in range(int(b.p[1])):
+                y += x[b.state + i]
         else:
             y = _limited(b, x[b.state], s)  # within a step the state may exceed its limit
         s[at + k - first] = y
@@ -137,6 +156,24 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
 def _acceleration(b: Any, u: float, x: Float1) -> float:
     """Second derivative in a companion form with denominator coefficients p[2] (first) and p[3] (second)."""
     return (u - x[b.state] - b.p[2] * x[b.state + 1]) / b.p[3]  # type: ignore[no-any-return]
+
+
+@compiled
+def _move_past(b: Any, u: float, x: Float1, dx: Float1) -> None:
+    """Write the derivatives of the n = p[1] states of a dead time T = p[0], 1/s.
+
+    x are the coefficients of Legendre polynomials on [0, 1] for the input of the last T seconds, from now backwards:
+    T dx[i] / (2 i + 1) = (-1)^i (u - the sum of (-1)^j x[j] for j <= i) - the sum of x[j] for j > i. From input to the
+    sum of x this is the Pade approximation of exp(-s T) with a numerator of degree n - 1 and a denominator of degree n.
+    """
+    n, now, beyond, sign = int(b.p[1]), u, 0.0, 1.0
+    for i in range(n):
+        beyond += x[b.state + i]
+    for i in range(n):
+        beyond -= x[b.state + i]
+        now -= sign * x[b.state + i]
+        dx[b.state + i] = (2 * i + 1) / b.p[0] * (sign * now - beyond)
+        sign = -sign
 
 
 @compiled
@@ -163,6 +200,9 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
             slope = (u - (b.p[0] + b.p[2] * exp(b.p[3] * state)) * state) / b.p[1]
         elif b.kind == INTEGRAL:
             slope = b.p[0] * u
+        elif b.kind == DEAD_TIME:
+            _move_past(b, u, x, dx)
+            continue
         elif b.kind == SECOND_ORDER:
             dx[b.state + 1] = _acceleration(b, u, x)
             slope = x[b.state + 1]
