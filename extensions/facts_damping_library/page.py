@@ -41,8 +41,16 @@ FORMS = {
     "source": "|{0} V + j ({2} + {0} {3}) I|",
     "rectifier": "rectifier, {0}",
     "sum": "sum",
+    "limiter": "limiter",
+    "pi": "{0} + {1} / s",
+    "window": "second input from {0} to {1} of the first, else third",
+    "relay": "1 from {1} on, 0 below {0}; lag {2}",
+    "saturation": "{0} u + {2} (u - {1})²",
+    "quotient": "quotient",
+    "curve": "curve of points",
+    "dead_time": "exp(-s {0})",
 }
-NONLINEAR = ("product", "rectifier")
+NONLINEAR = ("product", "rectifier", "quotient", "window")
 
 
 def page() -> str:

@@ -204,7 +204,7 @@ class Hygov(ParameterModel):
     r: float = quantity(0.4, "p.u.", "temporary droop", gt=0, le=10)
     Tr: float = quantity(5.0, "s", "time constant of the temporary droop", ge=0.05, le=100)
     Tf: float = quantity(0.05, "s", "time constant of the filter", ge=0.01, le=10)
-    Tg: float = quantity(0.2, "s", "time constant of the gate servo", ge=0.01, le=10)
+    Tg: float = quantity(0.2, "s", "time constant of the gate servo", ge=0.01, le=100)
     rate_max: float = quantity(0.2, "p.u./s", "largest velocity of the gate", gt=0, le=10)
     gate_min: float = quantity(0.01, "p.u.", "smallest gate opening, below `gate_max`", ge=0.001, le=1)
     gate_max: float = quantity(1.0, "p.u.", "largest gate opening", gt=0, le=2)
