@@ -66,7 +66,7 @@ def page() -> str:
 
 def _about(name: str, model: Model) -> Iterator[str]:
     module = importlib.import_module(f"{__package__}.{model.role}s.{name.lower()}")
-    text = inspect.cleandoc(module.__doc__ or "").removeprefix(f"{name}.").strip()
+    text = inspect.cleandoc(module.__doc__ or "").partition("\n\n")[2]
     yield f"{model.text[0].upper()}{model.text[1:]}{'' if model.record else '; not in the PSS/E library'}."
     if text:
         yield f"\n{text}"
