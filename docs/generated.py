@@ -187,7 +187,8 @@ def _controls() -> Iterator[str]:
     """Controls of machines that have the fields of the PSS/E library: a row each instead of a table each."""
     yield f"### {CONTROLS}\n"
     yield "Controls of machines from the PSS/E library. Fields in the order of a DYR record, in p.u. and s."
-    yield "Each also has `machine`, `model` and `enabled` (default: `true`).\n"
+    yield "Each also has `machine`, `model` and `enabled` (default: `true`). Exciters also have `RC`, `XC` (default 0)."
+    yield "They control |V + (RC + j XC) I| with the current I out of the machine, as IEEEVC.\n"
     yield "| model | description | fields |"
     yield "|---|---|---|"
     for name, row in MODELS.items():
