@@ -106,7 +106,9 @@ def build(
     )
     n, source = len(installed), np.zeros(len(ports.rows), np.complex128)
     lines = line([system.device(name).dead_time for name in installed])
-    state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), initial_watch(n), source, *lines)
+    state = PlantState(
+        np.array(states.values), np.zeros(n), np.zeros(n), initial_watch(n), source, source.copy(), *lines
+    )
     return Built(plant, state, flow, states.names)
 
 

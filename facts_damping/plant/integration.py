@@ -20,7 +20,7 @@ from facts_damping.signals import NOT_YET, Setpoints
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.compiling.structs import Float1
+    from facts_damping.compiling.structs import Complex1, Float1
 
 
 @compiled
@@ -34,7 +34,7 @@ def _runge_kutta(
     `derivatives` is called at one place only, so that the compiler inlines it: a call would copy the plant's arrays.
     The lags of references are solved in closed form, so they are exact even if much shorter than the step.
     """
-    x, k, trial, reference = state.x, work.slopes, work.trial, work.reference
+    x, k, trial, reference, large = state.x, work.slopes, work.trial, work.reference, len(plant.sparse_networks) > 0
     for part in range(4):
         if part == 0:
             for i in range(x.size):
@@ -56,13 +56,31 @@ def _runge_kutta(
                     )
             move_noise(plant, work, elapsed + fraction)
             move_oscillations(plant, work, elapsed + fraction)
+        if large:
+            _extrapolate(state.source, state.source_change, part, work.source_before)
         derivatives(plant, trial, reference, state.source, interval, k[part], work)
+    if large:
+        for p in range(state.source.size):
+            state.source_change[p] = state.source[p] - work.source_before[p]
     for i in range(x.size):
         x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
     for d in range(reference.size):
         row = plant.devices[d]
         if row.response_time > 0.0:
             x[row.lag] = trial[row.lag]
+
+
+@compiled
+def _extrapolate(source: Complex1, change: Complex1, part: int, before: Complex1) -> None:
+    """Move the ports' sources to the end of the coming half step: by their change in the last one."""
+    for p in range(source.size):
+        if part == 1:
+            before[p] = source[p]
+            source[p] += change[p]
+        elif part == 3:
+            half_way = source[p]
+            source[p] += half_way - before[p]
+            before[p] = half_way
 
 
 @compiled

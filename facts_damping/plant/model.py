@@ -76,7 +76,7 @@ class PlantState(Struct):
     """State of a plant: `x` in the kernels' order, and the reference of each device and its target, p.u.
 
     `watch`: state of the watchdogs; `under_way`: setpoints in their dead times. `source`: the last solution of the
-    ports' sources (p.u.), from which the next one starts.
+    ports' sources (p.u.), from which the next one starts; `source_change`: over the last half step, of a large grid.
     """
 
     x: Float1
@@ -84,6 +84,7 @@ class PlantState(Struct):
     target: Float1
     watch: Annotated[NDArray[Any], Array(WATCH, 1)]  # watchdog.WATCH
     source: Complex1
+    source_change: Complex1
     under_way: Annotated[NDArray[Any], Array(UNDER_WAY, 2)]  # watchdog.UNDER_WAY, (devices, room)
     waiting: Int1  # (devices,), number of setpoints in `under_way`
 
@@ -108,6 +109,7 @@ class Work(Struct):
     matrix: Float2  # (2 ports, 2 ports + 1), of Newton's method, with the mismatch
     step: Float1  # (2 ports,)
     source: Complex1  # (ports,), of a solution that is not stored in the state
+    source_before: Complex1  # (ports,), of the solution half a step before
     phasors: Complex2  # (PMUs, 2), voltages and currents of the PMUs, p.u.
     noise: Float2  # (loads, 2), relative, of P and Q, current values, with forced oscillations
     noise_start: Float2  # values at the start of the current segment of its grid
@@ -141,6 +143,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros((2 * ports, 2 * ports + 1)),
         np.zeros(2 * ports),
         np.zeros(ports, np.complex128),
+        np.zeros(ports, np.complex128),
         np.zeros((len(plant.pmu_machine), 2), np.complex128),
         np.zeros((len(plant.loads), 2)),
         np.zeros((len(plant.loads), 2)),
@@ -160,8 +163,10 @@ def copy(state: PlantState) -> PlantState:
 
 def fitted(state: PlantState, plant: Plant) -> PlantState:
     """A state for a plant with more ports or fewer, as after an event during a run; the same if it fits."""
-    count = len(plant.ports)
-    return state if len(state.source) == count else state._replace(source=np.zeros(count, np.complex128))
+    if len(state.source) == len(plant.ports):
+        return state
+    none = np.zeros(len(plant.ports), np.complex128)
+    return state._replace(source=none, source_change=none.copy())
 
 
 @compiled
@@ -175,4 +180,5 @@ def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
         interval += 1
     if plant.interval_start_ns[interval] == time_ns:
         state.source[:] = 0.0
+        state.source_change[:] = 0.0
     return interval
