@@ -13,14 +13,15 @@ import numpy as np
 
 from facts_damping.errors import InputError
 from facts_damping.input_files import share_folder
-from facts_damping.machine_controls.block_models import MODELS
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.files import read_yaml
 from facts_damping.plant.build import build
 from facts_damping.signals import CHANNELS, MACHINE_TRUTH
 from facts_damping_grids.control_limits import widened
-from facts_damping_grids.psse_conversion import MACHINES, import_case
+from facts_damping_grids.psse_controls import role_of
+from facts_damping_grids.psse_conversion import import_case
+from facts_damping_grids.psse_machines import MACHINES
 from facts_damping_grids.psse_reading import read_dyr
 from facts_damping_validation.table import Row, ValidationTable
 from facts_damping_validation.time_domain import follow
@@ -99,7 +100,7 @@ def _case(row: dict[str, Any]) -> Case:
 def not_modelled(dyr: Path) -> list[str]:
     """Models of a DYR file for which there is no equation, in their order."""
     names = dict.fromkeys(record.model for record in read_dyr(dyr).records)
-    return [n for n in names if n not in MACHINES and n != "HYGOV" and not (n in MODELS and MODELS[n].record)]
+    return [name for name in names if name not in MACHINES and not role_of(name)]
 
 
 def imported(case: Case) -> System:
