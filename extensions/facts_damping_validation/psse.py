@@ -23,6 +23,7 @@ from facts_damping_grids.psse_controls import role_of
 from facts_damping_grids.psse_conversion import import_case
 from facts_damping_grids.psse_machines import MACHINES
 from facts_damping_grids.psse_reading import read_dyr
+from facts_damping_validation.psse_steps import follow_in_steps
 from facts_damping_validation.table import Row, ValidationTable
 from facts_damping_validation.time_domain import follow
 
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 SOURCE = "PSS/E (PowerSimulationsDynamics.jl)"
 TOLERANCE = 0.01  # of the swing
-POWERS = ("electrical_power", "mechanical_power")  # of a machine, p.u. of the system base
+COMMAND = "facts-damping import CASE.raw CASE.dyr"
 REFERENCE_STEP = {"kind": "exciter_input", "name": "reference", "setpoint_max": 1.0, "rate_max": 1000.0}
 
 
@@ -77,6 +78,7 @@ class Case(NamedTuple):
     at: float
     columns: list[Column]
     loads: str = "impedance"
+    steps: float | None = None
     deviations: dict[str, Deviation] = {}  # noqa: RUF012 (never changed)
 
 
@@ -131,15 +133,19 @@ def trace(case: Case) -> NDArray[np.float64]:
     return np.loadtxt(folder() / case.folder / case.trace, delimiter=",", skiprows=1)
 
 
-def run(case: Case, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Our columns of a case at instants, in the units of the trace. Raises `InputError`."""
-    system = imported(case)
+def run(case: Case, times: NDArray[np.float64], *, steps: bool = False) -> NDArray[np.float64]:
+    """Our columns of a case at instants, in the units of the trace; `steps`: by PSS/E's steps. Raises `InputError`."""
+    system, change = imported(case), 0.0
     if case.event["kind"] == "reference":
         g = [m.name for m in system.machines].index(case.event["machine"])
-        step = case.event["to"] - float(build(system, [], []).plant.controls[g]["Vref"])
-        ours = follow(system, ["reference"], times, [], {"reference": step}, asked_at=case.at)
+        change = case.event["to"] - float(build(system, [], []).plant.controls[g]["Vref"])
+    event = None if change else case.event
+    if steps:
+        ours = follow_in_steps(system, times, event, case.at, change)
+    elif event is None:
+        ours = follow(system, [REFERENCE_STEP["name"]], times, setpoints={"reference": change}, asked_at=case.at)
     else:
-        ours = follow(system, [], times, [case.event | {"time": case.at}])
+        ours = follow(system, [], times, [event | {"time": case.at}])
     return np.array([_values(ours, system, column) for column in case.columns]).T
 
 
@@ -158,8 +164,18 @@ def _values(ours: Followed, system: System, column: Column) -> NDArray[np.float6
 def traces() -> ValidationTable:
     """Every column of every trace."""
     rows = [row for case in cases() for row in _rows(case)]
-    command = "facts-damping import CASE.raw CASE.dyr"
-    return ValidationTable("Runs of files of PSS/E", SOURCE, command, rows)
+    return ValidationTable("Runs of files of PSS/E", SOURCE, COMMAND, rows)
+
+
+def traces_in_steps() -> ValidationTable:
+    """The columns of the traces whose cases have no lag near PSS/E's step, by its steps."""
+    rows = [
+        Row(_what(case, column), "of the swing", "", "", relative, case.steps)
+        for case in cases()
+        if case.steps is not None
+        for column, relative in zip(case.columns, _apart(case, steps=True), strict=True)
+    ]
+    return ValidationTable("Runs of files of PSS/E by its steps", SOURCE, COMMAND, rows)
 
 
 def _rows(case: Case) -> list[Row]:
@@ -167,14 +183,19 @@ def _rows(case: Case) -> list[Row]:
     if missing:
         cause = f"not modelled: {' '.join(missing)}"
         return [Row(_what(case, column), "", "", "", math.nan, math.nan, cause) for column in case.columns]
-    theirs = trace(case)
-    apart = np.abs(run(case, theirs[:, 0]) - theirs[:, 1:]).max(axis=0)
-    swing = np.ptp(theirs[theirs[:, 0] >= case.at - 1e-6, 1:], axis=0)
     rows = []
-    for column, relative in zip(case.columns, apart / swing, strict=True):
+    for column, relative in zip(case.columns, _apart(case), strict=True):
         known = case.deviations.get(f"{column.quantity} {column.element}", Deviation(TOLERANCE, ""))
-        rows.append(Row(_what(case, column), "of the swing", "", "", float(relative), *known))
+        rows.append(Row(_what(case, column), "of the swing", "", "", relative, *known))
     return rows
+
+
+def _apart(case: Case, *, steps: bool = False) -> list[float]:
+    """The greatest deviation of each column, relative to its swing."""
+    theirs = trace(case)
+    apart = np.abs(run(case, theirs[:, 0], steps=steps) - theirs[:, 1:]).max(axis=0)
+    swing = np.ptp(theirs[theirs[:, 0] >= case.at, 1:], axis=0)
+    return [float(relative) for relative in apart / swing]
 
 
 def _what(case: Case, column: Column) -> str:
@@ -188,7 +209,7 @@ def accepted() -> ValidationTable:
     rows = []
     for name in read_yaml(folder() / "cases.yaml")["pairs"]:
         rows.append(_accepted(*name.split(" ")))
-    return ValidationTable("Files of PSS/E that are accepted", SOURCE, "facts-damping import CASE.raw CASE.dyr", rows)
+    return ValidationTable("Files of PSS/E that are accepted", SOURCE, COMMAND, rows)
 
 
 def _accepted(raw: str, dyr: str) -> Row:
