@@ -38,6 +38,7 @@ from facts_damping.parameters.security import Keys
 from facts_damping.parameters.stages import Disturbance, StageModel
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.supervision import Supervision
+from facts_damping_library.page import page
 from facts_damping_streams.parameters import Streams
 from facts_damping_studies.campaigns.parameters import Campaign
 
@@ -74,7 +75,9 @@ BESIDE = {
     "contributing.md": "CONTRIBUTING.md",
     "security.md": "SECURITY.md",
     "changelog.md": "CHANGELOG.md",
+    "library.md": "extensions/facts_damping_library/README.md",
 }  # at the top
+LIBRARY = "../extensions/facts_damping_library/README.md"
 CONTROLS = "Block controls"
 COMMANDS = """# Commands
 
@@ -118,7 +121,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def _moved(text: str) -> str:
     """A page from beside docs/: its links are those of a page in it; what is no page is named only."""
-    text = re.sub(r"\]\(docs/", "](", text)
+    text = re.sub(r"\]\((?:\.\./\.\./)?docs/", "](", text)
     for name, file in BESIDE.items():
         text = text.replace(f"]({file}", f"]({name}")
     return re.sub(r"\[([^\]]+)\]\((?:docs|LICENSE|CITATION\.cff)\)", r"\1", text)
@@ -184,16 +187,10 @@ def fields() -> str:
 
 
 def _controls() -> Iterator[str]:
-    """Controls of machines that have the fields of the PSS/E library: a row each instead of a table each."""
+    """Controls of machines that have the fields of the PSS/E library."""
     yield f"### {CONTROLS}\n"
-    yield "Controls of machines from the PSS/E library. Fields in the order of a DYR record, in p.u. and s."
-    yield "Each also has `machine`, `model` and `enabled` (default: `true`).\n"
-    yield "| model | description | fields |"
-    yield "|---|---|---|"
-    for name, row in MODELS.items():
-        text = _cell(row.text) + ("" if row.record else "; not in the library")
-        yield f"| `{name}` | {text} | {' '.join(f'`{field}`' for field in row.fields.split())} |"
-    yield ""
+    yield "Controls of machines from the PSS/E library, whose fields and blocks are on [a page of their own]"
+    yield f"({LIBRARY}). Each also has `machine`, `model` and `enabled` (default: `true`).\n"
 
 
 # Controllers whose parameters are told, by their title; the other networks differ in defaults alone.
@@ -356,10 +353,10 @@ def devices() -> str:
 def pages() -> dict[str, str]:
     """The pages and the drawing by their names."""
     drawing: str = runpy.run_path(str(ROOT / "docs" / "drawing.py"))["drawing"]()
-    names = ("commands.md", "fields.md", "facts_devices.md", "images/architecture.svg")
-    return dict(zip(names, (commands(), fields(), devices(), drawing), strict=True))
+    names = ("commands.md", "fields.md", "facts_devices.md", LIBRARY, "images/architecture.svg")
+    return dict(zip(names, (commands(), fields(), devices(), page(), drawing), strict=True))
 
 
 if __name__ == "__main__":
-    for page, text in pages().items():
-        (ROOT / "docs" / page).write_text(f"{text.rstrip()}\n", encoding="utf-8")
+    for name, text in pages().items():
+        (ROOT / "docs" / name).write_text(f"{text.rstrip()}\n", encoding="utf-8")

@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from facts_damping.fields import quantity as quantity
     from facts_damping.link.stages import DRAWN as DRAWN
     from facts_damping.link.stages import StageKind as StageKind
+    from facts_damping.machine_controls.blocks import Block as Block
+    from facts_damping.machine_controls.blocks import Model as Model
     from facts_damping.neurofuzzy.table import Antecedent as Antecedent
     from facts_damping.neurofuzzy.table import Consequent as Consequent
     from facts_damping.neurofuzzy.table import H as H
@@ -79,6 +81,7 @@ ROOMS: dict[str, tuple[str, ...]] = {
     ),
     "fields": ("quantity",),
     "link.stages": ("DRAWN", "StageKind"),
+    "machine_controls.blocks": ("Block", "Model"),
     "neurofuzzy.table": ("Antecedent", "Consequent", "H", "S", "Variant", "W"),
     "parameters.stages": ("StageModel",),
     "recording": ("load",),

@@ -19,25 +19,18 @@ SALIENT = "Td01 Td02 Tq02 H D Xd Xq Xd1 Xd2 Xl S10 S12"
 
 
 class MachineModel(NamedTuple):
-    """A machine model of the library: ours, the constants of its record in their order, what our model does otherwise.
-
-    `differs`: that, and what it can change.
-    """
+    """A machine model of the library: ours, the constants of its record in their order, the form of its saturation."""
 
     model: str
     order: str
-    differs: tuple[str, str] | None = None
+    saturation: str = "quadratic"
 
 
-_EXPONENTIAL = (
-    "exponential saturation is taken as quadratic through the same two points",
-    "angle and field voltage by some percent, above all where saturation is high",
-)
 MACHINES = {
     "GENROU": MachineModel("genrou", ROUND),
-    "GENROE": MachineModel("genrou", ROUND, _EXPONENTIAL),
-    "GENSAL": MachineModel("genrou", SALIENT),
-    "GENSAE": MachineModel("genrou", SALIENT, _EXPONENTIAL),
+    "GENROE": MachineModel("genrou", ROUND, "exponential"),
+    "GENSAL": MachineModel("gensal", SALIENT),
+    "GENSAE": MachineModel("genrou", SALIENT, "exponential"),
     "GENCLS": MachineModel("classical", "H D"),
 }
 
@@ -55,9 +48,6 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
     if row["H"] <= 0.0:
         allowed = "above 0" if record.model != "GENCLS" else "above 0, or 0 for an infinite source"
         raise InputError(f"{where(record, file)}: H = {row['H']:g} given; allowed: {allowed}")
-    if of_library.differs is not None:
-        text, effect = of_library.differs
-        notes.append(of_record(record, unit.name, file, text, "replaced", effect))
     if of_library.model == "classical":
         return row | {"Xd1": unit.row["ZX"]}
     row["Xq2"] = row["Xd2"]
@@ -65,6 +55,8 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
         notes.append(of_record(record, unit.name, file, "S(1.0) is 0: without saturation, as in PSS/E"))
     if row["S10"] == 0.0 or row["S12"] <= row["S10"]:
         row["S10"] = row["S12"] = 0.0
+    elif of_library.saturation != "quadratic":
+        row["saturation"] = of_library.saturation
     return row
 
 

@@ -21,7 +21,8 @@ for package, models in rows("machine_controls", dict).items():
 # of the machine stands; 0: there is none.
 INPUTS = {0: "none", 1: "omega", 2: "omega", 3: "Pe", 4: "Pa", 5: "Vt"}
 _COUNTS = {"SWITCH", "CSWITCH", "SW1", "JBUS", "JM", "IC", "IC2", "IB", "IB2", "M", "N", "UEL", "OEL", "SCL", "VOS"}
-_NO_TIMES = {"TATB", "THETAP", "T1T3", "T2T4"}
+_COUNTS |= {"IBLOCK"}
+_NO_TIMES = {"TATB", "THETAP", "T1T3", "T2T4", "TMAX", "TMIN"}
 
 
 def quantity_of(name: str) -> Quantity:

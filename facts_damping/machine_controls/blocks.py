@@ -51,8 +51,8 @@ class Quantity(NamedTuple):
 
     unit: str
     text: str
-    minimum: float = -1e4
-    maximum: float = 1e4
+    minimum: float = -1e7  # a limit of 999999 stands for none
+    maximum: float = 1e7
     time: bool = False
 
 

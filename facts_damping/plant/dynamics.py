@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
-from facts_damping.elementary import magnitude, sin_cos
+from facts_damping.elementary import magnitude, power, sin_cos
 from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.grid import load
@@ -76,11 +76,12 @@ class Stator(NamedTuple):
     voltage: complex  # at its terminals
     current: complex  # Id + j Iq
     power: float  # in the air gap
-    saturation: float  # S of its flux
+    flux: complex  # that saturates: of both axes, or E'q alone
+    saturation: float  # S of this flux
 
 
 @compiled
-def stator(plant: Plant, interval: int, g: int, work: Work) -> Stator:
+def stator(plant: Plant, x: Float1, interval: int, g: int, work: Work) -> Stator:
     """Voltage, current, power and saturation of machine g.
 
     Pe = Ed Id + Eq Iq + (Xq - Xd) Id Iq.
@@ -93,29 +94,32 @@ def stator(plant: Plant, interval: int, g: int, work: Work) -> Stator:
     beyond = m.salient * work.inputs[m.column] * back
     current = (m.admittance * (emf - voltage * back) + beyond) * (plant.online[interval, g] / m.ratio)
     saliency = (m.Xq - m.Xd) * current.real * current.imag
-    power = emf.real * current.real + emf.imag * current.imag + saliency
-    return Stator(voltage, current, power, saturated(m, emf))
+    air_gap = emf.real * current.real + emf.imag * current.imag + saliency
+    flux = complex(0.0, x[m.offset + 2]) if m.field_saturates else emf
+    return Stator(voltage, current, air_gap, flux, saturated(m, flux))
 
 
 @compiled
-def saturated(m: Any, emf: complex) -> float:
-    """S of a machine's flux, B (psi - A)^2 / psi above A; 0 without saturation."""
+def saturated(m: Any, flux: complex) -> float:
+    """S of a machine's flux: B (psi - A)^2 / psi above A, or B psi^A; 0 without saturation."""
     if m.saturation_B == 0.0:
         return 0.0
-    flux = magnitude(emf)
-    return m.saturation_B * max(0.0, flux - m.saturation_A) ** 2 / flux  # type: ignore[no-any-return]
+    psi = magnitude(flux)
+    if m.exponential:
+        return m.saturation_B * power(psi, m.saturation_A)  # type: ignore[no-any-return]
+    return m.saturation_B * max(0.0, psi - m.saturation_A) ** 2 / psi  # type: ignore[no-any-return]
 
 
 @compiled
-def _circuits(m: Any, x: Float1, n: int, at: Stator, efd: float, emf: complex, dx: Float1) -> None:
-    """Write the derivatives of a machine's n rotor circuits, 1/s: dz = A z + B [Id, Iq, Efd] - S W [Eq, Ed]."""
+def _circuits(m: Any, x: Float1, n: int, at: Stator, efd: float, dx: Float1) -> None:
+    """Write the derivatives of a machine's n rotor circuits, 1/s: dz = A z + B [Id, Iq, Efd] - S W [psiq, psid]."""
     first = m.offset + 2
     for i in range(n):
         slope = m.B[i, 0] * at.current.real + m.B[i, 1] * at.current.imag + m.B[i, 2] * efd
         for j in range(n):
             slope += m.A[i, j] * x[first + j]
         if at.saturation > 0.0:
-            slope -= at.saturation * (m.W[i, 0] * emf.imag + m.W[i, 1] * emf.real)
+            slope -= at.saturation * (m.W[i, 0] * at.flux.imag + m.W[i, 1] * at.flux.real)
         dx[first + i] = slope
 
 
@@ -133,16 +137,16 @@ def derivatives(
         m = plant.machines[g]
         o = m.offset
         omega = x[o + 1]
-        at = stator(plant, interval, g, work)
+        at = stator(plant, x, interval, g, work)
         efd, mechanical_power = move_controls(plant, x, interval, g, at, dx, work)
         shaft = 1.0 + m.shaft * omega
         driven = mechanical_power * plant.online[interval, g] / shaft
         dx[o] = plant.omega_0 * omega
         dx[o + 1] = ((driven - at.power) / (1.0 + m.speed * omega) - m.D * omega / shaft) / (2.0 * m.H)
         if m.circuits == 4:  # the usual number, so that the compiler unrolls the loop
-            _circuits(m, x, 4, at, efd, work.emf[g], dx)
+            _circuits(m, x, 4, at, efd, dx)
         else:
-            _circuits(m, x, m.circuits, at, efd, work.emf[g], dx)
+            _circuits(m, x, m.circuits, at, efd, dx)
     _port_derivatives(plant, x, reference, dx, work)
 
 
@@ -173,7 +177,7 @@ AT = len(SENSED)
 
 
 @compiled
-def _field_current(m: Any, x: Float1, at: Stator, emf: complex) -> float:
+def _field_current(m: Any, x: Float1, at: Stator) -> float:
     """Field current of a machine, p.u. of that for 1 p.u. of voltage without saturation: T'd0 dE'q = Efd - Ifd."""
     if m.circuits == 0:
         return 0.0
@@ -181,7 +185,7 @@ def _field_current(m: Any, x: Float1, at: Stator, emf: complex) -> float:
     for j in range(m.circuits):
         slope += m.A[0, j] * x[m.offset + 2 + j]
     if at.saturation > 0.0:
-        slope -= at.saturation * (m.W[0, 0] * emf.imag + m.W[0, 1] * emf.real)
+        slope -= at.saturation * (m.W[0, 0] * at.flux.imag + m.W[0, 1] * at.flux.real)
     return -slope / m.B[0, 2]  # type: ignore[no-any-return]
 
 
@@ -207,7 +211,7 @@ def move_controls(
     stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
     if plant.blocks.size > 0:
         c = plant.controls[g]
-        ifd = _field_current(m, x, at, work.emf[g])
+        ifd = _field_current(m, x, at)
         seen, current = at.voltage * work.rotation[g].conjugate(), at.current  # in the rotor's frame
         s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, magnitude(seen), omega, ifd
         s[VD], s[VQ], s[ID], s[IQ] = seen.real, seen.imag, current.real, current.imag

@@ -24,7 +24,7 @@ MOMENT = 1e-6  # s, time step of the angle's difference quotient for the frequen
 def _machine(plant: Plant, state: PlantState, interval: int, g: int, out: Any, work: Work) -> None:
     x, m = state.x, plant.machines[g]
     omega = x[m.offset + 1]
-    at = stator(plant, interval, g, work)
+    at = stator(plant, x, interval, g, work)
     efd, driven = move_controls(plant, x, interval, g, at, work.slopes[0], work)  # without use for the derivatives
     out.rotor_angle = x[m.offset]
     out.speed_deviation = omega

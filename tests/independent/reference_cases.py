@@ -93,6 +93,17 @@ def various() -> Row:
     return system
 
 
+def saturated() -> Row:
+    """The four machines of PSS/E that saturate: GENROU, GENROE, GENSAL, GENSAE."""
+    system = kundur()
+    exponential = {**SATURATION, "saturation": "exponential"}
+    forms: list[Row] = [SATURATION, exponential, {**SALIENT, **SATURATION}, {**SALIENT, **exponential}]
+    models = ("genrou", "genrou", "gensal", "genrou")
+    rows = zip(system["machines"], models, forms, strict=True)
+    system["machines"] = [{**m, "model": model, **data} for m, model, data in rows]
+    return system
+
+
 def reduced() -> Row:
     """Transient gain reduction: as it is, with rate feedback, as a mere lag without transducer, within limits."""
     rows: list[Row] = [
@@ -342,7 +353,7 @@ CASES: dict[str, Case] = {
         1.2,
         1e-9,
     ),
-    "saturation": Case(lambda: kundur(SATURATION), [fault()], {}, 1.2, 1e-9),
+    "saturation": Case(saturated, [fault()], {}, 1.2, 1e-9),
     "saturation_cascade": Case(
         lambda: two_area(("sssc",), {"S10": 0.06, "S12": 0.3, **APART}, exciters=at_all(**FEEDBACK)),
         [fault()],

@@ -25,17 +25,21 @@ def or_infinite(value: float | None) -> float:
 
 
 class Saturation:
-    """S(psi) = B (psi - A)^2 / psi above A, through S(1) = S10 and S(1.2) = S12."""
+    """S(psi) = B (psi - A)^2 / psi above A, or S10 psi^B; both through S(1) = S10 and S(1.2) = S12."""
 
     def __init__(self, m: Machine) -> None:
-        self.A, self.B = 0.0, 0.0
-        if m.S12 > 0.0:
+        self.A, self.B, self.S10 = 0.0, 0.0, 0.0
+        if m.saturation == "exponential":
+            self.B, self.S10 = math.log(m.S12 / m.S10, 1.2), m.S10
+        elif m.S12 > 0.0:
             # sqrt(B) (1 - A) = sqrt(S10) and sqrt(B) (1.2 - A) = sqrt(1.2 S12): the difference is 0.2 sqrt(B).
             root_B = (math.sqrt(1.2 * m.S12) - math.sqrt(m.S10)) / 0.2
             self.B, self.A = root_B**2, 1.0 - math.sqrt(m.S10) / root_B
 
     def __call__(self, Ed: float, Eq: float) -> float:
         psi = math.hypot(Ed, Eq)
+        if self.S10:
+            return float(self.S10 * psi**self.B)
         return self.B * (psi - self.A) ** 2 / psi if self.B and psi > self.A else 0.0
 
 
@@ -146,12 +150,26 @@ class Circuits(Rotor):
             -self.wRd * (z[1] - psi_ad) / self.Ld,
             -self.wRq * (z[2] - psi_aq) / self.Lq,
         ]
+        if len(z) == 3:
+            rates[2] += self.wRq * self.ratio * S * Ed2 / self.Laq
         if len(z) > 3:
             rates.append(self.wRg * (self.ratio * S * Ed2 / self.Laq - (z[3] - psi_aq) / self.Lg))
         return rates
 
 
-ROTORS = {"classical": Rotor, "two_axis": TwoAxis, "cascade": Cascade, "genrou": Circuits}
+class FieldSaturates(Circuits):
+    """GENSAL: the flux of the field, E'q = Lad/(Lad + Lf) psi_f, asks for the more field current the more there is."""
+
+    def __init__(self, m: Machine) -> None:
+        super().__init__(m.model_copy(update={"S10": 0.0, "S12": 0.0, "saturation": "quadratic"}))
+        self.saturation_of_field = Saturation(m)
+
+    def rates(self, z: Values, Efd: float, Id: float, Iq: float) -> Values:
+        Eq1 = self.Lad / (self.Lad + self.Lf) * z[0]
+        return super().rates(z, Efd - self.saturation_of_field(0.0, Eq1) * Eq1, Id, Iq)
+
+
+ROTORS = {"classical": Rotor, "two_axis": TwoAxis, "cascade": Cascade, "genrou": Circuits, "gensal": FieldSaturates}
 
 
 def machine_start(rotor: Rotor, V: complex, I: complex) -> tuple[float, float, Values]:  # noqa: E741

@@ -1,8 +1,9 @@
-"""IEEEG1."""
+"""IEEEG1: IEEE Committee Report, Dynamic Models for Steam and Hydro Turbines, 1973; a second machine has no part."""
 
 from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import Block, Model
+from facts_damping_library.turbines import STEAM_FACTORS, steam_turbine
 
 ROW = Model(
     "governor",
@@ -11,17 +12,8 @@ ROW = Model(
     (
         Block("speed", "lead_lag", "omega", ("K", "T2", "T1")),
         Block("valve", "servo", "Pref - speed", ("T3", "UC", "UO"), "PMIN", "PMAX"),
-        Block("P4", "lag", "valve", (1.0, "T4")),
-        Block("P5", "lag", "P4", (1.0, "T5")),
-        Block("P6", "lag", "P5", (1.0, "T6")),
-        Block("P7", "lag", "P6", (1.0, "T7")),
-        Block("Pm", "sum", "K12 * P4 + K34 * P5 + K56 * P6 + K78 * P7"),
+        *steam_turbine("valve"),
     ),
     "JBUS JM",
-    {
-        "K12": lambda f: f.K1 + f.K2,
-        "K34": lambda f: f.K3 + f.K4,
-        "K56": lambda f: f.K5 + f.K6,
-        "K78": lambda f: f.K7 + f.K8,
-    },
+    STEAM_FACTORS,
 )

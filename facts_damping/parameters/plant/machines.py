@@ -17,6 +17,7 @@ NEEDED = {
     "two_axis": ("Xd", "Xd1", "Td01", "Xq"),
     "cascade": ("Xd", "Xd1", "Xd2", "Td01", "Td02", "Xq", "Xq2", "Tq02"),
     "genrou": ("Xl", "Xd", "Xd1", "Xd2", "Td01", "Td02", "Xq", "Xq2", "Tq02"),
+    "gensal": ("Xl", "Xd", "Xd1", "Xd2", "Td01", "Td02", "Xq", "Xq2", "Tq02"),
 }
 
 
@@ -24,9 +25,9 @@ class Machine(ParameterModel):
     """A synchronous [machine](machines.md): its bus, its operating point and its data, on its own rating.
 
     The model `classical` needs `Xd1`. `two_axis` needs `Xd`, `Xd1`, `Td01` and `Xq`; `cascade` needs these and `Xd2`,
-    `Td02`, `Xq2` and `Tq02`; `genrou` needs all of these and `Xl`. All but `classical` also take `Xq1` and `Tq01`, both
-    or neither; without them the machine has salient poles. Subtransient reactances must not exceed transient ones, nor
-    transient ones the synchronous ones, and `Xl` must be the smallest.
+    `Td02`, `Xq2` and `Tq02`; `genrou` and `gensal` need all of these and `Xl`. All but `classical` and `gensal` take
+    `Xq1` and `Tq01`, both or neither; without them the machine has salient poles. Subtransient reactances must not
+    exceed transient ones, nor transient ones the synchronous ones, and `Xl` must be the smallest.
 
     Exactly one machine is the slack, or none in a system with an infinite bus. Machines at the same bus hold the same
     voltage; their reactive powers are in proportion to their ratings. A bus with an infinite bus has no machine.
@@ -38,10 +39,11 @@ class Machine(ParameterModel):
         None, description="area, to tell interarea modes from local ones; given for all machines or for none"
     )
     rating: float = quantity(..., "MVA", "rated power, the base of its data", gt=0, le=1e5)
-    model: Literal["classical", "two_axis", "cascade", "genrou"] = Field(
+    model: Literal["classical", "two_axis", "cascade", "genrou", "gensal"] = Field(
         "genrou",
         description="`classical`: constant E' behind X'd; `two_axis`: transient circuits only; `cascade`: model of the "
-        "thesis, corrected; `genrou`: standard subtransient model with leakage reactance",
+        "thesis, corrected; `genrou`: standard subtransient model with leakage reactance; `gensal`: with salient "
+        "poles, of which the field alone saturates",
     )
     P: float | None = quantity(None, "MW", "active power; not given for the slack machine", ge=-1e5, le=1e5)
     Q: float = quantity(0.0, "Mvar", "reactive power if machines share the bus; by ratings: the rest", ge=-1e5, le=1e5)
@@ -79,6 +81,10 @@ class Machine(ParameterModel):
         0.0, "-", "saturation at a flux of 1.2 p.u., above `S10`; 0: no saturation, as for `classical`", ge=0, le=100
     )
 
+    saturation: Literal["quadratic", "exponential"] = Field(
+        "quadratic", description="form of the saturation; `exponential`: needs `S10` above 0"
+    )
+
     @model_validator(mode="after")
     def _consistent(self) -> Machine:
         missing = [name for name in NEEDED[self.model] if getattr(self, name) is None]
@@ -86,6 +92,10 @@ class Machine(ParameterModel):
             raise ValueError(f"a machine of model {self.model} needs {', '.join(missing)}")
         if (self.Xq1 is None) != (self.Tq01 is None):
             raise ValueError("Xq1 and Tq01 must be given both or neither (neither: salient pole)")
+        if self.model == "gensal" and self.Xq1 is not None:
+            raise ValueError("Xq1: a machine of model gensal has salient poles; allowed: none")
+        if self.saturation == "exponential" and self.S10 == 0 < self.S12:
+            raise ValueError("S10: 0 given; allowed: above 0 where the saturation is exponential")
         for names in (("Xl", "Xd2", "Xd1", "Xd"), ("Xl", "Xq2", "Xq1", "Xq")):
             X = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
             falls = not PHYSICAL.get() and any(low > high for low, high in itertools.pairwise(X.values()))
@@ -194,7 +204,7 @@ class Hygov(ParameterModel):
     r: float = quantity(0.4, "p.u.", "temporary droop", gt=0, le=10)
     Tr: float = quantity(5.0, "s", "time constant of the temporary droop", ge=0.05, le=100)
     Tf: float = quantity(0.05, "s", "time constant of the filter", ge=0.01, le=10)
-    Tg: float = quantity(0.2, "s", "time constant of the gate servo", ge=0.01, le=10)
+    Tg: float = quantity(0.2, "s", "time constant of the gate servo", ge=0.01, le=100)
     rate_max: float = quantity(0.2, "p.u./s", "largest velocity of the gate", gt=0, le=10)
     gate_min: float = quantity(0.01, "p.u.", "smallest gate opening, below `gate_max`", ge=0.001, le=1)
     gate_max: float = quantity(1.0, "p.u.", "largest gate opening", gt=0, le=2)

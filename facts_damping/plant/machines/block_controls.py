@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 GIVES = {"governor": "Pm", "stabiliser": "Vs", "exciter": "Efd"}
 # Kinds with direct feedthrough.
-FEEDTHROUGH = {"sum", "lead_lag", "washout", "rate", "second_order", "product", "source", "rectifier"}
+FEEDTHROUGH = {"sum", "lead_lag", "washout", "rate", "second_order", "product", "source", "rectifier", "curve"}
+ORDER = 10  # of the approximation of a dead time, 0.3 % at 2 pi; less for a short one: a state for 4 ms
 TOLERANCE = 1e-10  # p.u., 1/s, residual of the steady state
 STEPS = 50  # largest number of iterations from one starting point
 STARTS = (1.0, 3.0, 10.0)  # starting points of all states, times the output: of a rectifier they are far above it
@@ -53,13 +54,14 @@ def control(data: Any) -> Control:
         for i, (name, weight) in enumerate(_inputs(block.inputs, data)):
             row["source"][i], row["weight"][i] = signals[name], weight
             row["inputs"] = i + 1
-        row["p"] = block.p
+        row["p"][: len(block.p)] = block.p
         row["low"] = -kernel.NO_LIMIT if block.low is None else block.low
         row["high"] = kernel.NO_LIMIT if block.high is None else block.high
         row["low_of"], row["high_of"] = signals[block.low_of], signals[block.high_of]
         if block.states:
             row["state"] = len(states)
-            states += [block.name, f"{block.name}_rate"][: block.states]
+            ends = ["", "_rate"] if block.kind != "dead_time" else [f"_{i}" for i in range(block.states)]
+            states += [f"{block.name}{end}" for end in ends[: block.states]]
     return Control(rows, [block.name for block in blocks], states)
 
 
@@ -107,7 +109,7 @@ def _plain(block: Block, data: Any) -> _Plain:
         p, states = (c[0] / c[1] if c[1] > 0.0 else 0.0, 0.0, c[1], 0.0), int(c[1] > 0.0 and c[0] != 0.0)
         kind, inputs = (kind, inputs) if states else ("sum", "none")
     elif kind == "servo":
-        p, states = (c[0], c[1], c[2], 0.0), 1
+        p, states = (max(c[0], SHORTEST), c[1], c[2], 0.0), 1
     elif kind in ("field", "exponential"):
         p, states = (c[0], max(c[1], SHORTEST), c[2], c[3]), 1
     elif kind == "integral":
@@ -132,8 +134,26 @@ def _plain(block: Block, data: Any) -> _Plain:
         inputs = "one"
     elif kind == "relay":
         p, states = (c[0], c[1], c[2], 0.0), 1
+    elif kind == "curve":
+        p = _points(c)
+    elif kind == "dead_time" and c[0] > 0.0:
+        states = min(ORDER, max(1, int(c[0] / (2.0 * SHORTEST))))
+        p = (c[0], float(states))
     low, high = (None if limit is None else _number(limit, data) for limit in (block.low, block.high))
     return _Plain(block.name, kind, inputs, p, states, low, high, block.low_of, block.high_of)
+
+
+def _points(constants: Sequence[float]) -> tuple[float, ...]:
+    """The points of a curve, without those that are not to the right of all before; fewer than two: a gain of one."""
+    points = list[tuple[float, float]]()
+    for x, y in zip(constants[::2], constants[1::2], strict=True):
+        if not points or x > points[-1][0]:
+            points.append((x, y))
+    points = points if len(points) > 1 else [(0.0, 0.0), (1.0, 1.0)]
+    while len(points) < kernel.POINTS:
+        (x, y), (end, at_end) = points[-2:]
+        points.append((2.0 * end - x, 2.0 * at_end - y))
+    return tuple(value for point in points for value in point)
 
 
 def _spread(blocks: Sequence[Block], data: Any) -> list[Block]:

@@ -28,7 +28,7 @@ ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
 (SUM, LAG, LEAD_LAG, WASHOUT, RATE, SERVO, FIELD, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER, INTEGRAL, EXPONENTIAL) = (
     range(13)
 )
-LIMITER, PI, WINDOW, RELAY, SATURATION, QUOTIENT = range(13, 19)
+LIMITER, PI, WINDOW, RELAY, SATURATION, QUOTIENT, CURVE, DEAD_TIME = range(13, 21)
 # Names of these codes.
 KINDS = (
     "sum",
@@ -50,8 +50,11 @@ KINDS = (
     "relay",
     "saturation",
     "quotient",
+    "curve",
+    "dead_time",
 )
 MAX_INPUTS = 5
+POINTS = 5  # of a curve
 NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
 STATELESS = -1
 
@@ -62,7 +65,7 @@ BLOCK = np.dtype(
         ("inputs", "i8"),
         ("source", "i8", (MAX_INPUTS,)),  # input signals
         ("weight", "f8", (MAX_INPUTS,)),
-        ("p", "f8", (4,)),
+        ("p", "f8", (2 * POINTS,)),
         ("low", "f8"),
         ("high", "f8"),
         ("low_of", "i8"),  # signals that multiply the limits
@@ -108,6 +111,15 @@ def _rectified(voltage: float, current: float) -> float:
 
 
 @compiled
+def _on_curve(b: Any, u: float) -> float:
+    """The line through the points (p[0], p[1]), (p[2], p[3]) and on, at u; its ends go on straight."""
+    i = 0
+    while i < 2 * (POINTS - 2) and u > b.p[i + 2]:
+        i += 2
+    return b.p[i + 1] + (u - b.p[i]) * (b.p[i + 3] - b.p[i + 1]) / (b.p[i + 2] - b.p[i])  # type: ignore[no-any-return]
+
+
+@compiled
 def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: Float1) -> None:
     """Write the signals of rows `first` to `end` into `s`, from index `at` on, for states `x`.
 
@@ -115,7 +127,8 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
     K (u - x), K/T (u - x); second_order: numerator over denominator in the companion form; product of two; source:
     |KP Vt + j (KI + KP XL) It|; sum, and blocks with zero time constant: K u. limiter: a sum whose limits belong to its
     function, so that they hold at the start, too; pi: K u + x, limited; window: its second input while the first is
-    between two constants, else the third; relay: x; saturation: K u + B (u - A)^2 above A; quotient of two.
+    between two constants, else the third; relay: x; saturation: K u + B (u - A)^2 above A; quotient of two; dead_time:
+    the sum of its states.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -136,6 +149,8 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
             y = b.p[0] * u + b.p[2] * beyond * beyond
         elif b.kind == QUOTIENT:
             y = _limited(b, s[b.source[0]] / s[b.source[1]], s)
+        elif b.kind == CURVE:
+            y = _on_curve(b, u)
         elif b.state < 0:
             y = _limited(b, b.p[0] * u, s)
         elif b.kind == LEAD_LAG:
@@ -147,6 +162,10 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
             y = b.p[0] * (u - x[b.state])
         elif b.kind == SECOND_ORDER:
             y = x[b.state] + b.p[0] * x[b.state + 1] + b.p[1] * _acceleration(b, u, x)
+        elif b.kind == DEAD_TIME:
+            y = 0.0
+            for i in range(int(b.p[1])):
+                y += x[b.state + i]
         else:
             y = _limited(b, x[b.state], s)  # within a step the state may exceed its limit
         s[at + k - first] = y
@@ -156,6 +175,24 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
 def _acceleration(b: Any, u: float, x: Float1) -> float:
     """Second derivative in a companion form with denominator coefficients p[2] (first) and p[3] (second)."""
     return (u - x[b.state] - b.p[2] * x[b.state + 1]) / b.p[3]  # type: ignore[no-any-return]
+
+
+@compiled
+def _move_past(b: Any, u: float, x: Float1, dx: Float1) -> None:
+    """Write the derivatives of the n = p[1] states of a dead time T = p[0], 1/s.
+
+    x are the coefficients of Legendre polynomials on [0, 1] for the input of the last T seconds, from now backwards:
+    T dx[i] / (2 i + 1) = (-1)^i (u - the sum of (-1)^j x[j] for j <= i) - the sum of x[j] for j > i. From input to the
+    sum of x this is the Pade approximation of exp(-s T) with a numerator of degree n - 1 and a denominator of degree n.
+    """
+    n, now, beyond, sign = int(b.p[1]), u, 0.0, 1.0
+    for i in range(n):
+        beyond += x[b.state + i]
+    for i in range(n):
+        beyond -= x[b.state + i]
+        now -= sign * x[b.state + i]
+        dx[b.state + i] = (2 * i + 1) / b.p[0] * (sign * now - beyond)
+        sign = -sign
 
 
 @compiled
@@ -188,6 +225,9 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
         elif b.kind == RELAY:
             on = u >= b.p[1] or (u > b.p[0] and state > 0.5)
             slope = ((1.0 if on else 0.0) - state) / b.p[2]
+        elif b.kind == DEAD_TIME:
+            _move_past(b, u, x, dx)
+            continue
         elif b.kind == SECOND_ORDER:
             dx[b.state + 1] = _acceleration(b, u, x)
             slope = x[b.state + 1]

@@ -3,11 +3,11 @@
 Except for saturation, all models are linear in the states of the rotor circuits, the stator currents and the field
 voltage. So a model is a row of matrices, and the compiled step has one equation:
 
-    dz/dt = A z + B [Id, Iq, Efd] - S(|E''|) W [E''q, E''d],    [E''q, E''d] = C z + E0.
+    dz/dt = A z + B [Id, Iq, Efd] - S(|psi|) W [psi_q, psi_d],    [E''q, E''d] = C z + E0.
 
-E'' is the EMF behind the stator's reactances Xd'' and Xq'' (transient ones if the model has no subtransient circuits).
-Phasors are F = (Fd + j Fq) exp(j (delta - pi/2)) in the network's frame. Powers and currents of the matrices are on the
-machine's own rating.
+psi is the flux that saturates: [E''q, E''d], or [E'q, 0] (`gensal`). E'' is the EMF behind the stator's reactances
+Xd'' and Xq'' (transient ones if the model has no subtransient circuits). Phasors are F = (Fd + j Fq)
+exp(j (delta - pi/2)) in the network's frame. Powers and currents of the matrices are on the machine's own rating.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.elementary import magnitude, phase, rect
+from facts_damping.elementary import log, magnitude, phase, power, rect
 from facts_damping.errors import InputError
 from facts_damping.numerics.matrices import product, solve
 from facts_damping.numerics.phasors import over, times
@@ -53,8 +53,10 @@ MACHINE = np.dtype(
         ("B", "f8", (4, 3)),
         ("C", "f8", (2, 4)),
         ("W", "f8", (4, 2)),
-        ("saturation_A", "f8"),  # S(psi) = B (psi - A)^2 / psi above A
+        ("saturation_A", "f8"),  # S(psi) = B (psi - A)^2 / psi above A, or B psi^A if exponential
         ("saturation_B", "f8"),  # 0: no saturation
+        ("exponential", "b1"),
+        ("field_saturates", "b1"),  # only E'q
     ]
 )
 
@@ -135,19 +137,37 @@ def genrou(m: Any) -> RotorCircuits:
     return RotorCircuits(names, A, B, C, W)
 
 
+def gensal(m: Any) -> RotorCircuits:
+    """Circuits of `genrou` with salient poles, of which the field alone saturates, by E'q (PSS/E GENSAL).
+
+    T'd0 dE'q = Efd - (1 + S(E'q)) E'q - (Xd - X'd) [Id - kd (psi1d + (X'd - Xl) Id - E'q)]
+    """
+    names, A, B, C, W = genrou(m)
+    W[1:] = 0.0
+    return RotorCircuits(names, A, B, C, W)
+
+
 MODELS: dict[str, Callable[[Any], RotorCircuits]] = {
     "classical": classical,
     "two_axis": two_axis,
     "cascade": cascade,
     "genrou": genrou,
+    "gensal": gensal,
 }
 
 
 def rotor_circuits(m: Machine) -> RotorCircuits:
-    """The circuits of a machine; a salient-pole machine has none for E'd (equal to X'q = Xq, E'd = 0)."""
+    """The circuits of a machine; a salient-pole machine has none for E'd (equal to X'q = Xq, E'd = 0).
+
+    Then psi2q of `genrou` saturates: T''q0 dE''d = -E''d + (Xq - X''q) Iq - kq S E''d (PSS/E GENSAE).
+    """
     if m.Xq1 is not None or m.model == "classical":
         return MODELS[m.model](m)
-    names, A, B, C, W = MODELS[m.model](m.model_copy(update={"Xq1": m.Xq, "Tq01": 1.0}))
+    salient: Any = m.model_copy(update={"Xq1": m.Xq, "Tq01": 1.0})
+    names, A, B, C, W = MODELS[m.model](salient)
+    if m.model == "genrou" and salient.Xq > salient.Xq2:
+        kq = (salient.Xq - salient.Xl) / (salient.Xd - salient.Xl)
+        W[3, 1] = kq / (C[1, 3] * salient.Tq02)
     used = [i for i, name in enumerate(names) if name != "Ed1"]
     return RotorCircuits([names[i] for i in used], A[np.ix_(used, used)], B[used], C[:, used], W[used])
 
@@ -164,9 +184,11 @@ def stator_reactances(m: Machine) -> tuple[float, float]:
 
 
 def saturation(m: Machine) -> tuple[float, float]:
-    """A and B of S(psi) = B (psi - A)^2 / psi from S10 and S12, the standard quadratic form; B = 0: none."""
+    """A and B of S(psi) through S10 and S12: B (psi - A)^2 / psi, or B psi^A if exponential; B = 0: none."""
     if m.S12 == 0:
         return 0.0, 0.0
+    if m.saturation == "exponential":
+        return log(m.S12 / m.S10) / log(1.2), m.S10
     a = math.sqrt(m.S10 / (1.2 * m.S12))
     A = (1.0 - 1.2 * a) / (1.0 - a)
     return A, 1.2 * m.S12 / ((1.2 - A) * (1.2 - A))
@@ -184,14 +206,14 @@ class MachineStart(NamedTuple):
 def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, current: complex) -> MachineStart:
     """A machine's row and its steady-state states; `current` is on the machine's rating.
 
-    Without saturation the q axis is along V + (Ra + j Xq) I (Kundur 1994, 3.6.5); with saturation it is where the
-    q-axis circuits are in steady state. Raises `InputError` if no such angle is found.
+    Where the q axis does not saturate it is along V + (Ra + j Xq) I (Kundur 1994, 3.6.5); else it is where its circuits
+    are in steady state. Raises `InputError` if no such angle is found.
     """
     c = rotor_circuits(m)
     row = _row(m, c, base_power, offset)
     xq = m.Xd1 if m.model == "classical" else m.Xq
     delta = phase(complex(voltage + times(complex(m.Ra, float(xq or 0.0)), current)))
-    if row["saturation_B"] > 0:
+    if row["saturation_B"] > 0 and not row["field_saturates"]:
         low, high = delta - 0.5, delta + 0.5  # rad, far more than saturation shifts the axis
         ends = [_at(row, c, angle, voltage, current).mismatch for angle in (low, high)]
         if ends[0] * ends[1] > 0:
@@ -207,12 +229,14 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
         unit = -solve(c.A, c.B[:, 2])  # steady states for one p.u. of field voltage
         field_voltage = float((s.emf.imag - product(c.C[0], s.z)) / product(c.C[0], unit))
         z = s.z + field_voltage * unit
-    power = (
+        if row["field_saturates"]:
+            field_voltage += _saturated(row, abs(float(z[0]))) * float(z[0])
+    air_gap = (
         s.emf.real * s.current.real
         + s.emf.imag * s.current.imag
         + (row["Xq"] - row["Xd"]) * s.current.real * s.current.imag
     )
-    return MachineStart(row, np.array([delta, 0.0, *z]), field_voltage, float(power))
+    return MachineStart(row, np.array([delta, 0.0, *z]), field_voltage, float(air_gap))
 
 
 def _root(f: Callable[[float], float], low: float, high: float) -> float:
@@ -250,11 +274,19 @@ def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, cur
     v, i = (complex(phasor) for phasor in times([voltage, current], rect(1.0, math.pi / 2 - delta)))
     emf = complex(v + float(row["Ra"]) * i + complex(-row["Xq"] * i.imag, row["Xd"] * i.real))
     psi = magnitude(emf)
-    beyond = max(0.0, psi - float(row["saturation_A"]))
-    s = float(row["saturation_B"]) * beyond * beyond / psi
+    s = 0.0 if row["field_saturates"] else _saturated(row, psi)
     drive = product(c.B[:, :2], np.array([i.real, i.imag])) - s * product(c.W, np.array([emf.imag, emf.real]))
     z = -solve(c.A, drive)
     return _Trial(emf, i, z, float(product(c.C[1], z) - emf.real))
+
+
+def _saturated(row: NDArray[Any], psi: float) -> float:
+    """S of a flux."""
+    a, b = float(row["saturation_A"]), float(row["saturation_B"])
+    if row["exponential"]:
+        return float(b * power(psi, a))
+    beyond = max(0.0, psi - a)
+    return b * beyond * beyond / psi
 
 
 def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArray[Any]:
@@ -270,4 +302,5 @@ def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArra
     row["saliency"] = ratio * (stator - alike)
     row["A"][:n, :n], row["B"][:n], row["C"][:, :n], row["W"][:n] = c.A, c.B, c.C, c.W
     row["saturation_A"], row["saturation_B"] = saturation(m)
+    row["exponential"], row["field_saturates"] = m.saturation == "exponential", m.model == "gensal"
     return row

@@ -1,0 +1,28 @@
+"""WSIEG1: IEEEG1 of the WECC, with a dead band of speed and the power of its valve as a curve.
+
+The dead band takes DB1 from the size of the speed. The curve goes through (GV1, PGV1) to (GV5, PGV5); points that are
+not to the right of those before do not count, and without two the power is the valve's position. A step or hysteresis
+of the dead band (ERR), the play of the valve (DB2), a blocked valve (IBLOCK) and a second machine have no part.
+"""
+
+from __future__ import annotations
+
+from facts_damping.machine_controls.blocks import Block, Model
+from facts_damping_library.turbines import STEAM_FACTORS, steam_turbine
+
+POINTS = "GV1 PGV1 GV2 PGV2 GV3 PGV3 GV4 PGV4 GV5 PGV5"
+
+ROW = Model(
+    "governor",
+    "steam turbine of IEEE type 1, modified by the WECC; all its power acts on one shaft",
+    f"JBUS JM K T1 T2 T3 UO UC PMAX PMIN T4 K1 K2 T5 K3 K4 T6 K5 K6 T7 K7 K8 DB1 ERR DB2 {POINTS} IBLOCK",
+    (
+        Block("band", "sum", "omega", (), lambda f: -f.DB1, "DB1"),
+        Block("speed", "lead_lag", "omega - band", ("K", "T2", "T1")),
+        Block("valve", "servo", "Pref - speed", ("T3", "UC", "UO"), "PMIN", "PMAX"),
+        Block("steam", "curve", "valve", tuple(POINTS.split())),
+        *steam_turbine("steam"),
+    ),
+    "JBUS JM ERR DB2 IBLOCK",
+    STEAM_FACTORS,
+)

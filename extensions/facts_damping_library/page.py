@@ -1,0 +1,128 @@
+"""The page of all models, from their rows: fields with units, and a diagram in characters, a line for each block."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+from functools import cache
+from typing import TYPE_CHECKING
+
+from facts_damping_library import MODELS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from facts_damping.machine_controls.blocks import Block, Constant, Model
+
+HEAD = """# Models of the PSS/E library
+
+Each control of a machine with its fields in the order of a DYR record, and its blocks. The page is made from the files
+beside it (`python docs/generated.py`); [Machines and controls](../../docs/machines.md) tells how they are used and how
+a model is added. Time constants (`T...`) are in s, all else is in p.u. or a code.
+
+A line of a diagram is a block: what goes in, its transfer function, what it gives. `[low .. high]` are limits. Signals
+from the machine, in p.u. of its rating: `Vt` terminal voltage, `omega` speed deviation, `Pe` electrical power, `Pa`
+accelerating power, `Ifd` field current; `Vref`, `Pref` references, `Vs` a stabiliser's output.
+"""
+# Transfer functions by kind, with the constants of the block.
+FORMS = {
+    "lag": "{0} / (1 + s {1})",
+    "lead_lag": "{0} (1 + s {1}) / (1 + s {2})",
+    "washout": "{0} s {1} / (1 + s {1})",
+    "rate": "s {0} / (1 + s {1})",
+    "integral": "{0} / s",
+    "servo": "1 / (1 + s {0}), rate {1} .. {2}",
+    "field": "1 / ({0} + SE + s {1})",
+    "exponential": "1 / ({0} + SE + s {1}), SE exponential",
+    "second_order": "(1 + s {0} + s² {1}) / (1 + s {2} + s² {3})",
+    "ramp_tracking": "((1 + s {0}) / (1 + s {1})^{2})^{3}",
+    "product": "product",
+    "source": "|{0} V + j ({2} + {0} {3}) I|",
+    "rectifier": "rectifier, {0}",
+    "sum": "sum",
+    "limiter": "limiter",
+    "pi": "{0} + {1} / s",
+    "window": "second input from {0} to {1} of the first, else third",
+    "relay": "1 from {1} on, 0 below {0}; lag {2}",
+    "saturation": "{0} u + {2} (u - {1})²",
+    "quotient": "quotient",
+    "curve": "curve of points",
+    "dead_time": "exp(-s {0})",
+}
+NONLINEAR = ("product", "rectifier", "quotient", "window")
+
+
+def page() -> str:
+    """The page as Markdown."""
+    lines = [HEAD]
+    for role in ("exciter", "governor", "stabiliser"):
+        names = sorted(name for name, model in MODELS.items() if model.role == role)
+        lines += [f"## {role.capitalize()}s", ""]
+        for name in names:
+            lines += [f"### {name}", "", *_about(name, MODELS[name]), ""]
+    return "\n".join(lines)
+
+
+def _about(name: str, model: Model) -> Iterator[str]:
+    module = importlib.import_module(f"{__package__}.{model.role}s.{name.lower()}")
+    text = inspect.cleandoc(module.__doc__ or "").partition("\n\n")[2]
+    yield f"{model.text[0].upper()}{model.text[1:]}{'' if model.record else '; not in the PSS/E library'}."
+    if text:
+        yield f"\n{text}"
+    ignored = f" Without effect here: {model.ignored.replace(' ', ', ')}." if model.ignored else ""
+    yield f"\nFields: {' '.join(f'`{field}`' for field in model.fields.split())}.{ignored}"
+    yield f"\n```text\n{chr(10).join(diagram(model))}\n```"
+
+
+def diagram(model: Model) -> list[str]:
+    """A line for each block: inputs, transfer function and limits, the signal that it gives."""
+    inputs = [_inputs(block) for block in model.blocks]
+    functions = [_function(block) for block in model.blocks]
+    wide, function_wide = max(map(len, inputs)), max(map(len, functions))
+    rows = zip(inputs, functions, model.blocks, strict=True)
+    return [
+        f"{signals:>{wide}} -->[ {function:^{function_wide}} ]--> {block.name}" for signals, function, block in rows
+    ]
+
+
+def _inputs(block: Block) -> str:
+    """The signals of a block; those of a nonlinear one stand beside each other."""
+    if block.kind == "source":
+        return "V, I"
+    return block.inputs.replace(" + ", ", ") if block.kind in NONLINEAR else block.inputs.replace(" * ", " ")
+
+
+def _function(block: Block) -> str:
+    function = FORMS[block.kind].format(*map(_text, block.constants))
+    function = function.removeprefix("1 ") if block.kind in ("lead_lag", "washout") else function
+    low, high = (_limit(*side) for side in ((block.low, block.low_of), (block.high, block.high_of)))
+    limits = f"[{low} .. {high}]" if low or high else ""
+    return " ".join(part for part in (function, limits) if part)
+
+
+def _limit(limit: Constant | None, of: str) -> str:
+    text = "" if limit is None else _text(limit)
+    return text if of == "one" else of if text == "1" else f"{text} {of}"
+
+
+def _text(constant: Constant) -> str:
+    """A constant as it is written in its file: a field, a number, or what follows from fields."""
+    if isinstance(constant, str):
+        return constant
+    if not callable(constant):
+        return f"{constant:g}"
+    if constant.__closure__:
+        return " ".join(str(cell.cell_contents) for cell in constant.__closure__)
+    for node in _lambdas(constant.__module__):
+        fields = {part.attr for part in ast.walk(node.body) if isinstance(part, ast.Attribute)}
+        if node.lineno == constant.__code__.co_firstlineno and fields <= {*constant.__code__.co_names}:
+            text = ast.unparse(node.body).replace(f"{node.args.args[0].arg}.", "").replace(" * ", " ")
+            return f"({text})" if " " in text else text
+    return constant.__name__
+
+
+@cache
+def _lambdas(module: str) -> list[ast.Lambda]:
+    tree = ast.parse(inspect.getsource(importlib.import_module(module)))
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Lambda)]
