@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from facts_damping.escaping import escaped, shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
 VERBOSE = "FACTS_DAMPING_VERBOSE"  # environment variable that passes `--verbose` to all processes of a command
 OLD_NAMES = {  # old keys, figures and messages
@@ -37,6 +37,14 @@ class FactsDampingError(Exception):
 
 class InputError(FactsDampingError):
     """Bad user input: a file, a field, an option. The command line exits with 2."""
+
+
+class ProblemsError(InputError):
+    """All that is wrong with a user's input: `lines` has the first problems, one each, and how many more there are."""
+
+    def __init__(self, problems: Sequence[str], most: int = 20) -> None:
+        self.lines = [*problems[:most], *([f"and {len(problems) - most} more"] if len(problems) > most else [])]
+        super().__init__("\n".join(self.lines))
 
 
 class RunError(FactsDampingError):

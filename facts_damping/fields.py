@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import re
+from contextvars import ContextVar
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 from pydantic_core import core_schema
 
 if TYPE_CHECKING:
@@ -25,7 +26,10 @@ SCALES = {  # of units that may stand with a number, by the unit in which a fiel
     "-": {"%": 0.01},
     **{unit: {unit: 1.0} for unit in ("MW", "Mvar", "MVA", "kV", "deg", "km", "p.u./s", "1/s")},
 }
+LIMITS = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}  # pydantic's errors of a range
 MINIMUM = 1e-30  # of what must be more than 0: less means nothing in any unit here, and squares and quotients overflow
+
+PHYSICAL: ContextVar[bool] = ContextVar("PHYSICAL", default=False)  # numbers need to be in no usual range now
 
 
 class ParameterModel(BaseModel):
@@ -44,10 +48,39 @@ class _Before(NamedTuple):
         return core_schema.no_info_before_validator_function(self.function, handler(source))
 
 
+class _Limited(NamedTuple):
+    """Has a number that is not in its range pass where ranges are physical and it is not below `lowest`."""
+
+    lowest: float
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        """Pydantic's own hook."""
+        return core_schema.no_info_wrap_validator_function(self.check, handler(source))
+
+    def check(self, value: Any, check: Callable[[Any], Any]) -> Any:
+        """The value as pydantic checks it."""
+        try:
+            return check(value)
+        except ValidationError as error:
+            if not PHYSICAL.get() or {row["type"] for row in error.errors()} - LIMITS or value < self.lowest:
+                raise
+            return float(value)
+
+
+def _lowest(unit: str, gt: float | None = None, ge: float | None = None, **_: float) -> float:
+    """The least value that equations allow: a limit of a time constant, else 0 or more than that, or any."""
+    limit = ge if gt is None else gt
+    if limit is None or limit < 0.0:
+        return -math.inf
+    return 0.0 if limit == ge == 0.0 else max(MINIMUM, limit if unit == "s" else 0.0)
+
+
 def quantity(default: Any, unit: str, description: str, usual: float | None = None, **limits: float) -> Any:
     """A number with unit, meaning and range; `...` as default makes it required: then `usual` is a value that is."""
     extra = {"unit": unit} | ({} if usual is None else {"usual": usual})
     field = Field(default, description=description, json_schema_extra=extra, **limits)  # type: ignore[call-overload]
+    if limits:
+        field.metadata.append(_Limited(_lowest(unit, **limits)))
     if limits.get("gt") == 0:
         field.metadata.append(_Before(_not_vanishing))
     if unit in SCALES:  # which comes first

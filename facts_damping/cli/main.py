@@ -109,7 +109,8 @@ def _do(arguments: argparse.Namespace) -> None:
 
 
 def _fail(reason: object, status: int) -> int:
-    terminal.note(f"facts-damping: {one_line(reason)}")
+    for line in getattr(reason, "lines", [reason]):  # of a `ProblemsError`
+        terminal.note(f"facts-damping: {one_line(line)}")
     return status
 
 

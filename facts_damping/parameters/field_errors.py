@@ -175,32 +175,46 @@ def check_field(model: type[M], content: Any, under: str) -> M:
         return model.model_validate(content)
     except ValidationError as error:
         errors = error.errors(include_url=False)
-    first = errors[0]
-    location, value, kind = first["loc"], first["input"], first["type"]
+    raise _field_error(model, content, under, errors[0], errors)
+
+
+def field_errors(model: type[M], content: Any) -> list[FieldError]:
+    """All errors of a content, in the order of its fields; those of fields that are missing in a row are one."""
+    try:
+        model.model_validate(content)
+    except ValidationError as error:
+        errors = error.errors(include_url=False)
+        return list({str(e): e for e in (_field_error(model, content, "", row, errors) for row in errors)}.values())
+    return []
+
+
+def _field_error(model: type[M], content: Any, under: str, error: Any, errors: list[Any]) -> FieldError:
+    """An error of pydantic as one of ours; `errors`: with those beside it."""
+    location, value, kind = error["loc"], error["input"], error["type"]
     keys = _place(location, content, absent=kind in ("missing", "extra_forbidden"))
     if under == "scenario" and keys[:1] == ["events"]:
         keys = keys[1:]  # a run's scenario is the list of events itself
     path = [under, *keys] if under else keys
-    field, message = ".".join(path), re.sub(r"^Value error, ", "", first["msg"])
+    field, message = ".".join(path), re.sub(r"^Value error, ", "", error["msg"])
     if kind == "extra_forbidden":
-        raise FieldError(field, _unknown(model, location, value), above=True)
+        return FieldError(field, _unknown(model, location, value), above=True)
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        tag, context = first["ctx"]["discriminator"].strip("'"), first["ctx"]
+        tag, context = error["ctx"]["discriminator"].strip("'"), error["ctx"]
         text = "missing; allowed: one of its kinds"
         if kind == "union_tag_invalid":
             text = f"{short(context['tag'])} given; allowed: {context['expected_tags']}"
-        raise FieldError(field, text, f".{tag}")
+        return FieldError(field, text, f".{tag}")
     if kind == "missing":
         beside = [row["loc"] for row in errors if row["type"] == "missing" and row["loc"][:-1] == location[:-1]]
         if len(beside) == 1:
-            raise FieldError(field, f"missing; allowed: {_wanted(model, location)}")
+            return FieldError(field, f"missing; allowed: {_wanted(model, location)}")
         wanted = "; ".join(f"{place[-1]}: {_wanted(model, place)}" for place in beside)
         names = ", ".join(str(place[-1]) for place in beside)
-        raise FieldError(".".join(path[:-1]), f"{names}: missing; allowed: {wanted}")
+        return FieldError(".".join(path[:-1]), f"{names}: missing; allowed: {wanted}")
     if kind == "value_error":
-        raise FieldError(field, message)
+        return FieldError(field, message)
     if kind in ("list_type", "dict_type", "model_type", "model_attributes_type"):
-        raise FieldError(field, f"{short(value)} given; allowed: {_kind_wanted(model, first)}")
+        return FieldError(field, f"{short(value)} given; allowed: {_kind_wanted(model, error)}")
     allowed = re.sub(r"^(Input should be|Input should have|.* should have|.* should match) ", "", message)
     unit = _extra(model, location).get("unit", "-")
-    raise FieldError(field, f"{short(value)} given; allowed: {allowed}{'' if unit == '-' else f', in {unit}'}")
+    return FieldError(field, f"{short(value)} given; allowed: {allowed}{'' if unit == '-' else f', in {unit}'}")

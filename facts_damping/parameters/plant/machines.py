@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
-from facts_damping.fields import Name, ParameterModel, quantity
+from facts_damping.fields import PHYSICAL, Name, ParameterModel, quantity
 from facts_damping.machine_controls.block_models import MODELS, quantity_of
 from facts_damping.machine_controls.blocks import SHORTEST
 
@@ -54,7 +54,7 @@ class Machine(ParameterModel):
     speed_voltage: bool = Field(
         False, description="true: the speed multiplies the EMF, as in PSTess; only without saturation"
     )
-    Xl: float | None = quantity(None, "p.u.", "leakage reactance", gt=0, le=2)
+    Xl: float | None = quantity(None, "p.u.", "leakage reactance", ge=0, le=2)
     Xd: float | None = quantity(None, "p.u.", "d-axis synchronous reactance", gt=0, le=10)
     Xd1: float | None = quantity(None, "p.u.", "d-axis transient reactance X'd", gt=0, le=5)
     Xd2: float | None = quantity(None, "p.u.", "d-axis subtransient reactance X''d", gt=0, le=5)
@@ -83,7 +83,9 @@ class Machine(ParameterModel):
             raise ValueError("Xq1 and Tq01 must be given both or neither (neither: salient pole)")
         for names in (("Xl", "Xd2", "Xd1", "Xd"), ("Xl", "Xq2", "Xq1", "Xq")):
             X = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-            falls = any(low > high for low, high in itertools.pairwise(X.values()))
+            falls = not PHYSICAL.get() and any(low > high for low, high in itertools.pairwise(X.values()))
+            if PHYSICAL.get():
+                X.pop(names[1], None)  # X'' may be Xl: no equation has the inverse of their difference
             if self.model != "classical" and (falls or list(X.values()).count(self.Xl) > 1):
                 raise ValueError(f"{' < '.join(X)} must hold (X'' <= X' <= X), given {list(X.values())}")
         if self.S12 > 0 and not self.S10 < self.S12:

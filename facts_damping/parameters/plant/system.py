@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal, Union
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import Field, model_validator
 
 from facts_damping.devices.base import AtMachine, Parallel, Series, Transmission
 from facts_damping.devices.table import MODELS
-from facts_damping.fields import Name, ParameterModel, quantity
+from facts_damping.fields import PHYSICAL, Name, ParameterModel, quantity
 from facts_damping.parameters.plant.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
 from facts_damping.parameters.plant.machines import Exciter, Governor, Machine, Stabiliser
 from facts_damping.parameters.plant.pmus import Measures, Pmu, Signal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     Device = Series | Parallel | Transmission | AtMachine
 else:
@@ -31,6 +31,9 @@ class System(ParameterModel):
     line_model: Literal["pi", "distributed"] = Field(
         "pi", description="model of lines; `distributed`: with the correction for long lines"
     )
+    ranges: Literal["usual", "physical"] = Field(
+        "usual", description="of numbers; `physical`: only limits that equations need, for data of other programs"
+    )
     step: float = quantity(1 / 480, "s", "longest step of the integrator", ge=1e-5, le=0.02)
     buses: list[Bus] = Field(..., min_length=1, description="nodes of the network, at least one")
     lines: list[Line] = Field([], description="transmission lines")
@@ -46,6 +49,15 @@ class System(ParameterModel):
     pmus: list[Pmu] = Field(..., min_length=1, description="PMUs, at least one")
     signals: dict[Name, Signal] = Field({}, description="name: signal that controllers may receive")
     measures: Measures = Field(Measures(), description="speed differences for the performance indices")
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_ranges(cls, content: Any, validated: Callable[[Any], System]) -> System:
+        before = PHYSICAL.set(isinstance(content, dict) and content.get("ranges") == "physical")
+        try:
+            return validated(content)
+        finally:
+            PHYSICAL.reset(before)
 
     @model_validator(mode="after")
     def _consistent(self) -> System:
@@ -184,5 +196,6 @@ def _check_measurements(system: System, buses: set[str]) -> None:
             _known(f"signals: {name}.weights", pmu_name, pmus)
         for pmu_name in (backup for backups in signal.backups.values() for backup in backups):
             _known(f"signals: {name}.backups", pmu_name, pmus)
+    speeds = {name for name, signal in system.signals.items() if signal.channel == "speed_deviation"}
     for name in (*system.measures.local, *system.measures.interarea):
-        _known("measures", name, {n for n, s in system.signals.items() if s.channel == "speed_deviation"})
+        _known("measures", name, speeds)
