@@ -206,18 +206,22 @@ def _what(case: Case, column: Column) -> str:
 
 def accepted() -> ValidationTable:
     """Every pair of files: whether it is imported and has a start."""
-    rows = []
-    for name in read_yaml(folder() / "cases.yaml")["pairs"]:
-        rows.append(_accepted(*name.split(" ")))
+    content = read_yaml(folder() / "cases.yaml")
+    rows = [_accepted(pair, known=pair in content["refused"]) for pair in content["pairs"]]
     return ValidationTable("Files of PSS/E that are accepted", SOURCE, COMMAND, rows)
 
 
-def _accepted(raw: str, dyr: str) -> Row:
+def _accepted(pair: str, *, known: bool) -> Row:
+    """A pair of files: open, with its reason, where it is known to be refused."""
+    raw, dyr = (folder() / pair.split("/")[0] / name for name in pair.partition("/")[2].split(" "))
+    missing, what = not_modelled(dyr), pair.replace(" ", " with ")
+    cause = f"left out: {' '.join(missing)}" if missing else ""
     try:
-        content, _ = widened(import_case(folder() / raw, (folder() / raw).parent / dyr).content)
-        build(check(System, content, raw), [], [])
+        content, _ = widened(import_case(raw, dyr).content)
+        build(check(System, content, what), [], [])
     except InputError as error:
-        missing = not_modelled((folder() / raw).parent / dyr)
-        refused = str(error).replace(f"{folder()}/", "")
-        return Row(f"{raw} with {dyr}", "", "refused", "accepted", 1.0, 0.5, refused if not missing else f"{missing}")
-    return Row(f"{raw} with {dyr}", "", "accepted", "accepted", 0.0, 0.5, "")
+        reason = " ".join(str(error).replace(f"{folder()}/", "").split("\n"))
+        if known:
+            return Row(what, "", "refused", "accepted", math.nan, math.nan, reason)
+        return Row(what, "", "refused", "accepted", 1.0, 0.5, reason)
+    return Row(what, "", "accepted", "accepted", 0.0, 0.5, cause)
