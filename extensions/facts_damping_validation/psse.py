@@ -14,11 +14,10 @@ import numpy as np
 from facts_damping.errors import InputError
 from facts_damping.input_files import share_folder
 from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.files import read_yaml
+from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import build
 from facts_damping.signals import CHANNELS, MACHINE_TRUTH
-from facts_damping_grids.control_limits import widened
 from facts_damping_grids.psse_controls import role_of
 from facts_damping_grids.psse_conversion import import_case
 from facts_damping_grids.psse_machines import MACHINES
@@ -107,7 +106,7 @@ def not_modelled(dyr: Path) -> list[str]:
 
 def imported(case: Case) -> System:
     """The system of a case, with a PMU for each measured bus, branch and machine. Raises `InputError`."""
-    content, _ = widened(import_case(folder() / case.folder / case.raw, folder() / case.folder / case.dyr).content)
+    content = import_case(folder() / case.folder / case.raw, folder() / case.folder / case.dyr).content
     if case.loads != "impedance":
         parts = {name: {case.loads: 1} for name in ("P_fractions", "Q_fractions")}
         content["loads"] = [load | parts for load in content["loads"]]
@@ -130,7 +129,8 @@ def _pmus(case: Case, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def trace(case: Case) -> NDArray[np.float64]:
     """Times, s, and columns of PSS/E."""
-    return np.loadtxt(folder() / case.folder / case.trace, delimiter=",", skiprows=1)
+    table: NDArray[np.float64] = np.loadtxt(folder() / case.folder / case.trace, delimiter=",", skiprows=1)
+    return table
 
 
 def run(case: Case, times: NDArray[np.float64], *, steps: bool = False) -> NDArray[np.float64]:
@@ -143,22 +143,23 @@ def run(case: Case, times: NDArray[np.float64], *, steps: bool = False) -> NDArr
     if steps:
         ours = follow_in_steps(system, times, event, case.at, change)
     elif event is None:
-        ours = follow(system, [REFERENCE_STEP["name"]], times, setpoints={"reference": change}, asked_at=case.at)
+        ours = follow(system, ["reference"], times, setpoints={"reference": change}, asked_at=case.at)
     else:
         ours = follow(system, [], times, [event | {"time": case.at}])
-    return np.array([_values(ours, system, column) for column in case.columns]).T
+    return np.column_stack([_values(ours, system, column) for column in case.columns])
 
 
 def _values(ours: Followed, system: System, column: Column) -> NDArray[np.float64]:
     """A column of ours in the trace's unit."""
-    machines, pmus = [m.name for m in system.machines], [pmu.name for pmu in system.pmus]
-    if column.quantity in MACHINE_TRUTH.names and column.element in machines:
+    machines, pmus = [str(m.name) for m in system.machines], [str(pmu.name) for pmu in system.pmus]
+    values: NDArray[np.float64]
+    if column.element in machines and column.quantity in set(MACHINE_TRUTH.names or ()):
         values = ours.machines[column.quantity][:, machines.index(column.element)]
     else:
         values = ours.frames[:, pmus.index(column.element), list(CHANNELS).index(column.quantity)]
     if column.quantity.endswith("angle"):
         values = np.unwrap(values)
-    return np.asarray(values * column.unit.scale)
+    return values * column.unit.scale
 
 
 def traces() -> ValidationTable:
@@ -206,22 +207,31 @@ def _what(case: Case, column: Column) -> str:
 
 def accepted() -> ValidationTable:
     """Every pair of files: whether it is imported and has a start."""
-    content = read_yaml(folder() / "cases.yaml")
-    rows = [_accepted(pair, known=pair in content["refused"]) for pair in content["pairs"]]
+    rows = [_accepted(*files, known=refused) for files, refused in pairs().items()]
     return ValidationTable("Files of PSS/E that are accepted", SOURCE, COMMAND, rows)
 
 
-def _accepted(pair: str, *, known: bool) -> Row:
+def pairs() -> dict[tuple[Path, Path], bool]:
+    """RAW and DYR files: whether the pair is known to be refused."""
+    content, files = read_yaml(folder() / "cases.yaml"), {}
+    for pair in content["pairs"]:
+        place, _, names = pair.partition("/")
+        raw, dyr = (folder() / place / name for name in names.split(" "))
+        files[raw, dyr] = pair in content["refused"]
+    return files
+
+
+def _accepted(raw: Path, dyr: Path, *, known: bool) -> Row:
     """A pair of files: open, with its reason, where it is known to be refused."""
-    raw, dyr = (folder() / pair.split("/")[0] / name for name in pair.partition("/")[2].split(" "))
-    missing, what = not_modelled(dyr), pair.replace(" ", " with ")
-    cause = f"left out: {' '.join(missing)}" if missing else ""
+    what = f"{raw.parent.name}/{raw.name} with {dyr.name}"
     try:
-        content, _ = widened(import_case(raw, dyr).content)
-        build(check(System, content, what), [], [])
+        imported_case = import_case(raw, dyr)
+        build(check(System, imported_case.content, what), [], [])
     except InputError as error:
         reason = " ".join(str(error).replace(f"{folder()}/", "").split("\n"))
         if known:
-            return Row(what, "", "refused", "accepted", math.nan, math.nan, reason)
-        return Row(what, "", "refused", "accepted", 1.0, 0.5, reason)
-    return Row(what, "", "accepted", "accepted", 0.0, 0.5, cause)
+            return Row(what, "-", "refused", "accepted", math.nan, math.nan, reason)
+        return Row(what, "-", "refused", "accepted", 1.0, 0.5, reason)
+    inexact = [row.name for row in imported_case.records if row.replaced or row.left_out]
+    cause = f"replaced or left out: {' '.join(inexact)}" if inexact else ""
+    return Row(what, "-", "accepted", "accepted", 0.0, 0.5, cause)

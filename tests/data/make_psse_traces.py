@@ -2,9 +2,9 @@
 
     python tests/data/make_psse_traces.py FOLDER    # test/benchmarks/psse of its repository
 
-Of each trace the columns that `cases.yaml` names, every tenth sample and all of those around the event. PSS/E counts its
-time in single precision: it is rounded to steps. Of two samples at the
-switching time the second is kept, which is after the event; a single one is before it, and left out.
+Of each trace the columns that `cases.yaml` names, every tenth sample and all of those around the event. PSS/E counts
+its time in single precision: it is rounded to steps. Of two samples at the switching time the second is kept, which is
+after the event; a single one is before it, and left out.
 """
 
 from __future__ import annotations
