@@ -11,11 +11,15 @@ from facts_damping.errors import InputError
 from facts_damping_grids.notes import Note, of_record, where
 
 if TYPE_CHECKING:
-    from facts_damping_grids.psse_reading import Dynamic, Row
+    from facts_damping_grids.psse_reading import Dynamic
+    from facts_damping_grids.psse_records import Row
     from facts_damping_grids.psse_units import Unit
 
 ROUND = "Td01 Td02 Tq01 Tq02 H D Xd Xq Xd1 Xq1 Xd2 Xl S10 S12"
 SALIENT = "Td01 Td02 Tq02 H D Xd Xq Xd1 Xd2 Xl S10 S12"
+
+
+UNEQUAL = 1e-3  # p.u., difference of reactances
 
 
 class MachineModel(NamedTuple):
@@ -51,6 +55,9 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
     if of_library.model == "classical":
         return row | {"Xd1": unit.row["ZX"]}
     row["Xq2"] = row["Xd2"]
+    if abs(unit.row["ZX"] - row["Xd2"]) > UNEQUAL:
+        text = "ZX of the RAW file is not X''d, as PSS/E wants it: X''d counts"
+        notes.append(of_record(record, unit.name, file, text))
     if row["S10"] == 0.0 < row["S12"]:
         notes.append(of_record(record, unit.name, file, "S(1.0) is 0: without saturation, as in PSS/E"))
     if row["S10"] == 0.0 or row["S12"] <= row["S10"]:
@@ -63,6 +70,8 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
 def constants(record: Dynamic, order: str, file: str) -> dict[str, float]:
     """The constants of a record by their names."""
     names = order.split()
+    if record.unreadable:
+        raise InputError(f"{where(record, file)}: {record.unreadable}")
     if len(record.values) < len(names):
         given = f"{len(record.values)} constants given; allowed: {len(names)}, {' '.join(names)}"
         raise InputError(f"{where(record, file)}: {given}")

@@ -20,6 +20,7 @@ from facts_damping.plant.build import build
 from facts_damping.signals import CHANNELS, MACHINE_TRUTH
 from facts_damping_grids.psse_controls import role_of
 from facts_damping_grids.psse_conversion import import_case
+from facts_damping_grids.psse_loads import load_model
 from facts_damping_grids.psse_machines import MACHINES
 from facts_damping_grids.psse_reading import read_dyr
 from facts_damping_validation.psse_steps import follow_in_steps
@@ -76,7 +77,7 @@ class Case(NamedTuple):
     event: dict[str, Any]
     at: float
     columns: list[Column]
-    loads: str = "impedance"
+    loads: str = "P: impedance, Q: impedance"
     steps: float | None = None
     deviations: dict[str, Deviation] = {}  # noqa: RUF012 (never changed)
 
@@ -100,16 +101,14 @@ def _case(row: dict[str, Any]) -> Case:
 
 def not_modelled(dyr: Path) -> list[str]:
     """Models of a DYR file for which there is no equation, in their order."""
-    names = dict.fromkeys(record.model for record in read_dyr(dyr).records)
+    names = dict.fromkeys(record.model for record in read_dyr(dyr, []).records)
     return [name for name in names if name not in MACHINES and not role_of(name)]
 
 
 def imported(case: Case) -> System:
     """The system of a case, with a PMU for each measured bus, branch and machine. Raises `InputError`."""
-    content = import_case(folder() / case.folder / case.raw, folder() / case.folder / case.dyr).content
-    if case.loads != "impedance":
-        parts = {name: {case.loads: 1} for name in ("P_fractions", "Q_fractions")}
-        content["loads"] = [load | parts for load in content["loads"]]
+    place = folder() / case.folder
+    content = import_case(place / case.raw, place / case.dyr, load_model(case.loads)).content
     content |= {"pmus": list(_pmus(case, content).values()), "signals": {}, "measures": {}}
     if case.event["kind"] == "reference":
         content["devices"] = [REFERENCE_STEP | {"machine": case.event["machine"]}]
