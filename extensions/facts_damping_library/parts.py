@@ -10,12 +10,12 @@ from facts_damping.machine_controls.blocks import SHORTEST, Block, exponential, 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-VOLTAGE_SEEN = Block("VT", "lag", "Vt", (1.0, "TR"))
+VOLTAGE_SEEN = Block("VT", "lag", "Vc", (1.0, "TR"))
 A: Callable[[Any], float] = lambda f: saturation(f)[0]  # noqa: E731 (constants are written beside each other)
 B: Callable[[Any], float] = lambda f: saturation(f)[1]  # noqa: E731
 EXPONENTIAL_A: Callable[[Any], float] = lambda f: exponential(f)[0]  # noqa: E731
 EXPONENTIAL_B: Callable[[Any], float] = lambda f: exponential(f)[1]  # noqa: E731
-GAIN_REDUCTION = Block("VB", "lead_lag", "Vref + Vs - Vt", (1.0, lambda f: f.TATB * f.TB, "TB"))
+GAIN_REDUCTION = Block("VB", "lead_lag", "Vref + Vs - Vc", (1.0, lambda f: f.TATB * f.TB, "TB"))
 DC_FIELDS = "TR KA TA TB TC VRMAX VRMIN KE TE KF TF1 SWITCH E1 SE1 E2 SE2"
 
 

@@ -247,14 +247,16 @@ def _add_blocks(
     """Add a block control at rest; return the limits that exclude this state."""
     role, control = MODELS[data.model].role, block_controls.control(data)
     wanted, reference = {"exciter": ("Ifd", "Vref"), "governor": ("Pm", "Pref")}.get(role, (None, None))
-    sensed = {name: value for name, value in seen.items() if name in blocks.SENSED}
+    sensed, row = {name: value for name, value in seen.items() if name in blocks.SENSED}, rotating.controls[g]
     if role == "exciter":
         control = block_controls.self_excited(control, seen["Ifd"])
+        row["compensation"] = complex(data.RC, data.XC)
+        added = times(row["compensation"], complex(seen["Id"], seen["Iq"]))
+        sensed["Vc"] = magnitude(complex(seen["Vd"], seen["Vq"]) + complex(added))
     rest = block_controls.at_rest(control, data, sensed, None if wanted is None else seen[wanted], reference)
     first = sum(map(len, rotating.blocks))
     rows = control.rows.copy()
     rows["state"][rows["state"] >= 0] += states.offset
-    row = rotating.controls[g]
     row[f"{role}_first"], row[f"{role}_end"] = first, first + len(rows)
     row[f"{role}_gives"] = control.gives.index(block_controls.GIVES[role])
     if role == "exciter":

@@ -14,7 +14,7 @@ from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.grid import load
 from facts_damping.plant.machines import blocks, excitation, governor, stabiliser
-from facts_damping.plant.machines.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VD, VQ, VREF, VS, VT
+from facts_damping.plant.machines.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VC, VD, VQ, VREF, VS, VT
 from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.network_response import respond, row_times, set_sources
 from facts_damping.plant.ports import solve_ports
@@ -215,7 +215,7 @@ def move_controls(
         seen, current = at.voltage * work.rotation[g].conjugate(), at.current  # in the rotor's frame
         s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, magnitude(seen), omega, ifd
         s[VD], s[VQ], s[ID], s[IQ] = seen.real, seen.imag, current.real, current.imag
-        s[PE] = (seen * current.conjugate()).real
+        s[VC], s[PE] = magnitude(seen + c.compensation * current), (seen * current.conjugate()).real
         s[VREF], s[PREF] = c.Vref, asked + c.power_offset
         if c.governor_end > c.governor_first:
             driven = _given(plant, c.governor_first, c.governor_end, c.governor_gives, x, dx, work) + forced

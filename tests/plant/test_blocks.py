@@ -67,7 +67,7 @@ def control_of(model: str, **changes: float) -> Any:
 
 
 def sensed(**changes: float) -> dict[str, float]:
-    start = {"Vt": VOLTAGE, "Ifd": FIELD, "Pe": POWER, "Vd": 0.0, "Vq": VOLTAGE, "Id": 0.5, "Iq": 0.6}
+    start = {"Vt": VOLTAGE, "Vc": VOLTAGE, "Ifd": FIELD, "Pe": POWER, "Vd": 0.0, "Vq": VOLTAGE, "Id": 0.5, "Iq": 0.6}
     return {**start, **changes}
 
 
@@ -96,7 +96,8 @@ def response(data: Any, signals: str, s: complex) -> complex:
         blocks.derivatives(control.rows, 0, len(control.rows), x, outputs, dx)
         return np.append(dx, outputs[gives])
 
-    moved, z = [SENSED.index(name) for name in signals.split("+")], np.append(rest.states, 0.0)
+    names = signals.replace("Vt", "Vt+Vc").split("+")  # without load compensation
+    moved, z = [SENSED.index(name) for name in names], np.append(rest.states, 0.0)
     slopes = np.array([(move(z + 1e-6 * e) - move(z - 1e-6 * e)) / 2e-6 for e in np.eye(n + 1)]).T
     A, B, C, D = slopes[:n, :n], slopes[:n, n], slopes[n, :n], slopes[n, n]
     return complex(C @ np.linalg.solve(s * np.eye(n) - A, B) + D)
@@ -161,7 +162,7 @@ def esst3a(s: complex, d: Any) -> complex:
 
 
 def _rate(s: complex, d: Any) -> complex:
-    return s * d.KF / (1.0 + s * d.TF)
+    return complex(s * d.KF / (1.0 + s * d.TF))
 
 
 def _esst1a(s: complex, d: Any) -> complex:
@@ -172,12 +173,12 @@ def _esst1a(s: complex, d: Any) -> complex:
 
 def esst1a(s: complex, d: Any) -> complex:
     forward = _esst1a(s, d)
-    return -forward / (1.0 + s * d.TR) / (1.0 + forward * _rate(s, d))
+    return complex(-forward / (1.0 + s * d.TR) / (1.0 + forward * _rate(s, d)))
 
 
 def esst1a_current(s: complex, d: Any) -> complex:
     """The field current is above ILR, so the limiter takes off KLR per p.u., inside the loop of the rate feedback."""
-    return -d.KLR / (1.0 + _esst1a(s, d) * _rate(s, d))
+    return complex(-d.KLR / (1.0 + _esst1a(s, d) * _rate(s, d)))
 
 
 def _alternator(s: complex, d: Any) -> tuple[complex, float]:
@@ -187,7 +188,7 @@ def _alternator(s: complex, d: Any) -> tuple[complex, float]:
     root = np.sqrt(d.SE1 * d.E1 / (d.SE2 * d.E2))
     A = (d.E1 - root * d.E2) / (1.0 - root)
     slope = 2.0 * d.SE2 * d.E2 / (d.E2 - A) ** 2 * (VE - A)
-    return d.KA / (1.0 + s * d.TA) * (1.0 + s * d.TC) / (1.0 + s * d.TB), d.KE + slope
+    return complex(d.KA / (1.0 + s * d.TA) * (1.0 + s * d.TC) / (1.0 + s * d.TB)), float(d.KE + slope)
 
 
 def ac1(s: complex, d: Any) -> complex:
@@ -220,8 +221,8 @@ def st6b(s: complex, d: Any) -> complex:
 
 def _st8c(s: complex, d: Any) -> tuple[float, complex]:
     """VB1 with the rectifier in its first mode, and from the error of the field current to VR."""
-    VB1 = d.KP * VOLTAGE - 0.577 * d.KC1 * FIELD
-    return VB1, (d.KPA + d.KIA / s) * d.KA / (1.0 + s * d.TA)
+    VB1 = float(d.KP * VOLTAGE - 0.577 * d.KC1 * FIELD)
+    return VB1, complex(d.KPA + d.KIA / s) * complex(d.KA / (1.0 + s * d.TA))
 
 
 def st8c(s: complex, d: Any) -> complex:
@@ -406,7 +407,7 @@ def test_limited_state_stays_within_its_limits_and_leaves_them_at_once(errors: l
     values[SENSED.index("one")] = 1.0
     VR, h = control.states.index("VR"), 0.001
     for error in errors:
-        values[SENSED.index("Vref")], values[SENSED.index("Vt")] = error, 0.0
+        values[SENSED.index("Vref")], values[SENSED.index("Vc")] = error, 0.0
         x[control.states.index("VT")] = 0.0
         for _ in range(20):
             blocks.outputs(control.rows, 0, len(control.rows), len(SENSED), x, values)

@@ -19,7 +19,7 @@ ROW = Model(
         Block("VR", "lag", "VPI", (1.0, "TA")),
         Block("VE", "source", "Vd + Vq + Id + Iq", ("KP", "THETAP", "KI", "XL")),
         Block("rectified", "rectifier", "VE + Ifd", ("KC",)),
-        Block("VB", "sum", "rectified", (), None, "VBMAX"),
+        Block("VB", "limiter", "rectified", (), None, "VBMAX"),
         Block("integral", "integral", "VR - KG * Efd", ("KIM",), "VMMIN", "VMMAX"),
         Block("open", "sum", "KPM * VR + integral"),
         Block("loop", "sum", "one + LOOP * VB"),

@@ -13,7 +13,7 @@ ROW = Model(
         VOLTAGE_SEEN,
         Block("VI", "sum", "Vref + Vs - VT", (), "VIMIN", "VIMAX"),
         Block("VA", "lead_lag", "VI", ("KJ", "TC", "TB")),
-        Block("VG", "sum", "KG * Efd", (), None, "VGMAX"),
+        Block("VG", "limiter", "KG * Efd", (), None, "VGMAX"),
         Block("VR", "lag", "VA - VG", ("KA", "TA"), "VRMIN", "VRMAX"),
         Block("VE", "source", "Vd + Vq + Id + Iq", ("KP", "THETAP", "KI", "XL")),
         Block("VB", "rectifier", "VE + Ifd", ("KC",)),

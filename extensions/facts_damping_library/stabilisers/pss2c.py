@@ -7,10 +7,10 @@ them, at the start on; PSSON below 0: always on. The output follows within `SWIT
 
 from __future__ import annotations
 
-from facts_damping.machine_controls.blocks import Block, Model
+from facts_damping.machine_controls.blocks import SHORTEST, Block, Model
 from facts_damping_library.parts import two_inputs
 
-SWITCHING = 0.01  # s
+SWITCHING = SHORTEST
 
 ROW = Model(
     "stabiliser",

@@ -244,6 +244,10 @@ def _block_control(name: str) -> Any:
         about = quantity_of(field)
         default = 0.0 if field in (*row.ignored.split(), *row.optional.split()) else ...
         fields[field] = (float, quantity(default, about.unit, about.text, ge=about.minimum, le=about.maximum))
+    if row.role == "exciter":
+        for part, what in (("RC", "resistance"), ("XC", "reactance")):
+            text = f"{what} of the load compensation: it controls |V + (RC + j XC) I|, I out of the machine"
+            fields[part] = (float, quantity(0.0, "p.u.", text, ge=-10, le=10))
     return create_model(name, __base__=BlockControl, __doc__=f"{row.text}.", **fields)
 
 

@@ -129,7 +129,7 @@ def _plain(block: Block, data: Any) -> _Plain:
     elif kind == "pi":
         p, states = (c[0], c[1], 0.0, 0.0), int(c[1] != 0.0)
     elif kind in ("window", "saturation"):
-        p = (*c, 0.0, 0.0, 0.0)[:4]
+        p = (c[0], c[1], c[2] if len(c) > 2 else 0.0, 0.0)
     elif kind == "relay" and c[1] < 0.0:  # always on
         inputs = "one"
     elif kind == "relay":

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
 
 # Input signals of blocks from a machine, p.u. of the rating; the blocks' own signals follow.
-SENSED = ("one", "none", "Vt", "omega", "Pe", "Pa", "Vref", "Pref", "Vs", "Ifd", "Vd", "Vq", "Id", "Iq")
-ONE, NONE, VT, OMEGA, PE, PA, VREF, PREF, VS, IFD, VD, VQ, ID, IQ = range(len(SENSED))
+SENSED = ("one", "none", "Vt", "omega", "Pe", "Pa", "Vref", "Pref", "Vs", "Ifd", "Vd", "Vq", "Id", "Iq", "Vc")
+ONE, NONE, VT, OMEGA, PE, PA, VREF, PREF, VS, IFD, VD, VQ, ID, IQ, VC = range(len(SENSED))
 
 ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
 
@@ -77,6 +77,7 @@ CONTROLS = np.dtype(
     [
         *((f"{role}_{end}", "i8") for role in ROLES for end in ("first", "end", "gives")),
         ("Vref", "f8"),
+        ("compensation", "c16"),  # p.u. of the rating; the exciter sees |Vt + compensation It|, the signal Vc
         ("power_offset", "f8"),  # p.u. of the rating, power reference minus the requested power
     ]
 )
