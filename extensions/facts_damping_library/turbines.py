@@ -29,12 +29,8 @@ STEAM_FACTORS: dict[str, Callable[[Any], float]] = {
 }
 
 
-def hydro_turbine(TW: Callable[[Any], float]) -> tuple[Block, ...]:
-    """Power of a gate at rest, through (G0, 0), (G1, P1), (G2, P2), (1, P3); a linear water column of TW seconds."""
-    return (
-        Block("steady", "curve", "gate", ("G0", 0.0, "G1", "P1", "G2", "P2", 1.0, "P3")),
-        Block("turbine", "lead_lag", "steady", (1.0, lambda f: -TW(f), lambda f: 0.5 * TW(f))),
-    )
+# Power of a gate at rest, on the line through (G0, 0), (G1, P1), (G2, P2), (1, P3), which goes on straight.
+GATE = Block("steady", "curve", "gate", ("G0", 0.0, "G1", "P1", "G2", "P2", 1.0, "P3"))
 
 
 def diesel_engine(error: str) -> tuple[Block, ...]:
@@ -44,7 +40,17 @@ def diesel_engine(error: str) -> tuple[Block, ...]:
     """
     return (
         Block("box", "second_order", error, ("T3", 0.0, "T1", lambda f: f.T1 * f.T2)),
-        Block("actuator", "second_order", "box", ("T4", 0.0, lambda f: f.T5 + f.T6, lambda f: f.T5 * f.T6)),
+        Block(
+            "actuator",
+            "second_order",
+            "box",
+            (
+                "T4",
+                0.0,
+                lambda f: f.T5 + f.T6,
+                lambda f: f.T5 * f.T6,
+            ),
+        ),
         Block("throttle", "integral", "actuator", ("K",), "TMIN", "TMAX"),
         Block("torque", "dead_time", "throttle", ("TD",)),
         Block("speed", "sum", "one + omega"),

@@ -48,6 +48,13 @@ DATA = {
     "IEEEG1": "0 0 20 0.1 0.05 0.2 1 -1 2 0 0.3 0.3 0 5 0.4 0 0.5 0.2 0 0.15 0.1 0",
     "IEESGO": "0.2 0.1 0.5 0.12 5 0.6 20 0.59 0.43 2 0",
     "TG": "0.05 0.5 15 1 1.1 0.6 1",
+    "GAST": "0.05 0.4 0.1 3 1.1 2 1.2 0 0.3",
+    "WSIEG1": "0 0 20 0.1 0.05 0.2 1 -1 2 0 0.3 0.3 0 5 0.4 0 0.5 0.2 0 0.15 0.1 0 "
+    "0 0 0 0 0 0.5 0.7 0.9 0.95 0 0 0 0 0",
+    "DEGOV": "0.1 0.3 0.05 18 12 5 0.2 0.04 2 -0.1",
+    "DEGOV1": "0 0.19 0.05 0.02 0.9 5.1 0.3 0.25 0.04 1.1 0 0.07 0.06",
+    "PIDGOV": "1 0.05 0.01 5 1 0.1 0.5 0.9 0.3 0.1 0.7 0.4 0.9 0.7 0.95 1 0.05 1.2 0.6 0.04 -0.04",
+    "WPIDHY": "0.01 -0.05 3 0.5 2 0.02 0.012 0.03 -0.03 1 0.2 1.3 1.2 0 0.3 0.12 0.55 0.4 0.83 0.75 1",
     "IEEEST": "1 0 0.1 0.01 0.2 0.02 0.05 0.003 0.25 0.03 0.15 0.015 1.41 1.5 5 9 -9 0 0",
     "ST2CUT": "1 0 3 0 5 2 0.02 0.03 1.4 1.5 0.2 0.02 0.15 0.025 0.1 0.3 9 -9 0 0",
     "STAB1": "20 1.5 13.3 0.0447 12.1 0.05 9",
@@ -266,6 +273,75 @@ def tg(s: complex, d: Any) -> complex:
     )
 
 
+def gast(s: complex, d: Any) -> complex:
+    return complex(-1.0 / d.R / (1.0 + s * d.T1) / (1.0 + s * d.T2) - d.DTURB)
+
+
+def wsieg1(s: complex, d: Any) -> complex:
+    """On the second part of the curve of its valve."""
+    return complex(ieeeg1(s, d) * (d.PGV3 - d.PGV2) / (d.GV3 - d.GV2))
+
+
+def _engine(s: complex, d: Any) -> complex:
+    """From the error of speed to the throttle."""
+    box = (1.0 + s * d.T3) / (1.0 + s * d.T1 + s * s * d.T1 * d.T2)
+    return complex(box * d.K * (1.0 + s * d.T4) / (s * (1.0 + s * d.T5) * (1.0 + s * d.T6)))
+
+
+def degov(s: complex, d: Any) -> complex:
+    """The torque, delayed by exp(-s TD), times the speed."""
+    return complex(POWER - np.exp(-s * d.TD) * _engine(s, d))
+
+
+def degov1(s: complex, d: Any) -> complex:
+    loop = 0.0 if d.M else d.DROOP * _engine(s, d)
+    return complex(POWER - np.exp(-s * d.TD) * _engine(s, d) / (1.0 + loop))
+
+
+def degov1_power(s: complex, d: Any) -> complex:
+    seen = d.DROOP / (1.0 + s * d.TE) if d.M else 0.0
+    return complex(-np.exp(-s * d.TD) * _engine(s, d) * seen)
+
+
+def _water(s: complex, d: Any, TW: float) -> complex:
+    """From the gate to the power, about the start."""
+    gates, powers = (d.G0, d.G1, d.G2, 1.0), (0.0, d.P1, d.P2, d.P3)
+    part = int(np.searchsorted(powers, POWER))
+    slope = (powers[part] - powers[part - 1]) / (gates[part] - gates[part - 1])
+    return complex(slope * (1.0 - s * TW) / (1.0 + 0.5 * s * TW))
+
+
+def _pidgov(s: complex, d: Any) -> tuple[complex, complex]:
+    """From the error of speed to the gate, and from what the droop sees to that error."""
+    PID = ((d.KP + d.KI / s) + s * d.KD) / (1.0 + s * d.TA) ** 2
+    return PID / (1.0 + s * d.TB), d.RPERM / (1.0 + s * d.TREG)
+
+
+def pidgov(s: complex, d: Any) -> complex:
+    forward, back = _pidgov(s, d)
+    gate = -forward / (1.0 + (forward * back if d.M else 0.0))
+    return complex(gate * _water(s, d, d.ATW * d.TW) - d.DTURB)
+
+
+def pidgov_power(s: complex, d: Any) -> complex:
+    forward, back = _pidgov(s, d)
+    return 0.0 if d.M else -forward * back * _water(s, d, d.ATW * d.TW)
+
+
+def _wpidhy(s: complex, d: Any) -> complex:
+    """From the error of speed to the power."""
+    PID = (d.KP + d.KI / s + s * d.KD) / (1.0 + s * d.TA) ** 2
+    return complex(PID / (1.0 + s * d.TB) / s * _water(s, d, d.TW))
+
+
+def wpidhy(s: complex, d: Any) -> complex:
+    return -_wpidhy(s, d) - float(d.D)
+
+
+def wpidhy_power(s: complex, d: Any) -> complex:
+    return complex(_wpidhy(s, d) * d.REG / (1.0 + s * d.TREG))
+
+
 def ieeest(s: complex, d: Any) -> complex:
     shaped = (1.0 + d.A5 * s + d.A6 * s * s) / ((1.0 + d.A1 * s + d.A2 * s * s) * (1.0 + d.A3 * s + d.A4 * s * s))
     leads = (1.0 + d.T1 * s) * (1.0 + d.T3 * s) / ((1.0 + d.T2 * s) * (1.0 + d.T4 * s))
@@ -346,6 +422,15 @@ EXPECTED: list[tuple[str, str, Callable[[complex, Any], complex]]] = [
     ("IEEEG1", "omega", ieeeg1),
     ("IEESGO", "omega", ieesgo),
     ("TG", "omega", tg),
+    ("GAST", "omega", gast),
+    ("WSIEG1", "omega", wsieg1),
+    ("DEGOV", "omega", degov),
+    ("DEGOV1", "omega", degov1),
+    ("DEGOV1", "Pe", degov1_power),
+    ("PIDGOV", "omega", pidgov),
+    ("PIDGOV", "Pe", pidgov_power),
+    ("WPIDHY", "omega", wpidhy),
+    ("WPIDHY", "Pe", wpidhy_power),
     ("IEEEST", "omega", ieeest),
     ("ST2CUT", "omega", st2cut),
     ("ST2CUT", "Pe", st2cut_power),
@@ -368,6 +453,9 @@ def test_control_is_the_transfer_function_of_its_standard(
 ) -> None:
     data, s = control_of(model), 2j * np.pi * hertz
     assert response(data, signals, s) == pytest.approx(expected(s, data), rel=1e-5, abs=1e-7)
+    if hasattr(data, "M") and MODELS[model].role == "governor":  # where its droop comes from
+        other = control_of(model, M=1.0 - data.M)
+        assert response(other, signals, s) == pytest.approx(expected(s, other), rel=1e-5, abs=1e-7)
 
 
 @pytest.mark.parametrize("model", MODELS)

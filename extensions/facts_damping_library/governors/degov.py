@@ -1,6 +1,7 @@
-"""DEGOV: Woodward's governor of a diesel engine, which holds the speed without droop.
+"""DEGOV.
 
-Its reference is of speed, so a step of the mechanical power has no effect. Source: PSS/E Model Library.
+Woodward's governor holds the speed; its reference is of speed, so a step of the mechanical power has no effect. Torque
+follows the throttle after TD, by a Pade approximation of order 10. Source: PSS/E Model Library.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""DEGOV1: Woodward's governor of a diesel engine, with droop.
+"""DEGOV1.
 
-It is on the throttle (M = 0) or on the electrical power (M = 1). Source: PSS/E Model Library.
+Woodward's governor with droop on its throttle (M = 0) or on the electrical power (M = 1). Torque follows the throttle
+after TD, by a Pade approximation of order 10. Source: PSS/E Model Library.
 """
 
 from __future__ import annotations

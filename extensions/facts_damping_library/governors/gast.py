@@ -1,8 +1,8 @@
-"""GAST: gas turbine with a governor, whose fuel the temperature of the exhaust limits.
+"""GAST.
 
-The fuel is the lower of the governor's, Pref - omega / R, and AT + KT (AT - exhaust): `load` is both, less
-KT (AT - exhaust) and over 1 + KT, so that AT is its limit. Exhaust: a lag T3 of the power.
-Source: PSS/E Model Library.
+The fuel is the lower of the governor's order, Pref - omega / R, and of what the temperature of the exhaust allows,
+AT + KT (AT - exhaust). `load` is both, less KT (AT - exhaust) and over 1 + KT: so AT is its limit, and also that of the
+power at rest. Source: PSS/E Model Library.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from facts_damping.machine_controls.blocks import Block, Model
 
 ROW = Model(
     "governor",
-    "gas turbine with a governor",
+    "gas turbine with a governor, limited by the temperature of its exhaust",
     "R T1 T2 T3 AT KT VMAX VMIN DTURB",
     (
         Block("load", "sum", "SHARE * Pref - GAIN * omega + REST * exhaust", (), None, "AT"),

@@ -1,4 +1,7 @@
-"""IEEEG1: IEEE Committee Report, Dynamic Models for Steam and Hydro Turbines, 1973; a second machine has no part."""
+"""IEEEG1.
+
+Source: IEEE Committee Report, Dynamic Models for Steam and Hydro Turbines in Power System Studies, 1973.
+"""
 
 from __future__ import annotations
 

@@ -1,14 +1,15 @@
-"""WPIDHY: hydro turbine with Woodward's PID governor, which gives the velocity of the gate.
+"""WPIDHY.
 
-REG, which is negative, is the droop on the electrical power. The PID (KP + KI / s + s KD) / (1 + s TA) is parted into
-an integral, a gain KP - TA KI and a rate (KD - TA KP + TA^2 KI) s / (1 + s TA); a lag TA and a lag TB follow it.
-Without TA there is no rate. Sources: PSS/E Model Library; PowerSimulationsDynamics.jl, InterPSS (lags, their order).
+REG is the droop on the electrical power, and negative. A PID gives the velocity of the gate: (KP + KI / s + s KD) over
+(1 + s TA)^2 (1 + s TB). Of its first part over 1 + s TA, GAIN = KP - TA KI is the gain; without TA there is no rate.
+The curve goes through (G0, 0), (G1, P1), (G2, P2), (1, P3) and on straight. Sources: PSS/E Model Library;
+PowerSimulationsDynamics.jl.
 """
 
 from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import Block, Model
-from facts_damping_library.turbines import hydro_turbine
+from facts_damping_library.turbines import GATE
 
 ROW = Model(
     "governor",
@@ -23,7 +24,17 @@ ROW = Model(
         Block("servo", "lag", "PID", (1.0, "TB")),
         Block("velocity", "sum", "servo", (), "VELMN", "VELMX"),
         Block("gate", "integral", "velocity", (1.0,), "GATMN", "GATMX"),
-        *hydro_turbine(lambda f: f.TW),
+        GATE,
+        Block(
+            "turbine",
+            "lead_lag",
+            "steady",
+            (
+                1.0,
+                lambda f: -f.TW,
+                lambda f: 0.5 * f.TW,
+            ),
+        ),
         Block("power", "sum", "turbine", (), "PMIN", "PMAX"),
         Block("Pm", "sum", "power - D * omega"),
     ),

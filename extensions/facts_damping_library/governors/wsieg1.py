@@ -1,8 +1,9 @@
-"""WSIEG1: IEEEG1 of the WECC, with a dead band of speed and the power of its valve as a curve.
+"""WSIEG1.
 
-The dead band takes DB1 from the size of the speed. The curve goes through (GV1, PGV1) to (GV5, PGV5); points that are
-not to the right of those before do not count, and without two the power is the valve's position. A step or hysteresis
-of the dead band (ERR), the play of the valve (DB2), a blocked valve (IBLOCK) and a second machine have no part.
+As IEEEG1, but a dead band takes DB1 from the size of the speed, and the steam is on the line through (GV1, PGV1) to
+(GV5, PGV5), which goes on straight; points that are not to the right of those before do not count, and with fewer than
+two the steam is the valve's position. Not modelled: a step or hysteresis of the dead band (ERR), play of the valve
+(DB2), a blocked valve (IBLOCK). Source: PSS/E Model Library.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ POINTS = "GV1 PGV1 GV2 PGV2 GV3 PGV3 GV4 PGV4 GV5 PGV5"
 
 ROW = Model(
     "governor",
-    "steam turbine of IEEE type 1, modified by the WECC; all its power acts on one shaft",
+    "steam turbine of IEEE type 1 as the WECC modified it; all its power acts on one shaft",
     f"JBUS JM K T1 T2 T3 UO UC PMAX PMIN T4 K1 K2 T5 K3 K4 T6 K5 K6 T7 K7 K8 DB1 ERR DB2 {POINTS} IBLOCK",
     (
         Block("band", "sum", "omega", (), lambda f: -f.DB1, "DB1"),
