@@ -206,31 +206,29 @@ def _what(case: Case, column: Column) -> str:
 
 def accepted() -> ValidationTable:
     """Every pair of files: whether it is imported and has a start."""
-    rows = [_accepted(*files, known=refused) for files, refused in pairs().items()]
+    rows = [_accepted(raw, dyr) for raw, dyr in pairs()]
     return ValidationTable("Files of PSS/E that are accepted", SOURCE, COMMAND, rows)
 
 
-def pairs() -> dict[tuple[Path, Path], bool]:
-    """RAW and DYR files: whether the pair is known to be refused."""
-    content, files = read_yaml(folder() / "cases.yaml"), {}
-    for pair in content["pairs"]:
+def pairs() -> list[tuple[Path, Path]]:
+    """RAW and DYR files of every case that PSS/E accepts."""
+    files = []
+    for pair in read_yaml(folder() / "cases.yaml")["pairs"]:
         place, _, names = pair.partition("/")
-        raw, dyr = (folder() / place / name for name in names.split(" "))
-        files[raw, dyr] = pair in content["refused"]
+        raw, dyr = names.split(" ")
+        files.append((folder() / place / raw, folder() / place / dyr))
     return files
 
 
-def _accepted(raw: Path, dyr: Path, *, known: bool) -> Row:
-    """A pair of files: open, with its reason, where it is known to be refused."""
+def _accepted(raw: Path, dyr: Path) -> Row:
+    """A pair of files; `cause`: what is replaced or left out, or why it is refused."""
     what = f"{raw.parent.name}/{raw.name} with {dyr.name}"
     try:
-        imported_case = import_case(raw, dyr)
-        build(check(System, imported_case.content, what), [], [])
+        of_pair = import_case(raw, dyr)
+        build(check(System, of_pair.content, what), [], [])
     except InputError as error:
         reason = " ".join(str(error).replace(f"{folder()}/", "").split("\n"))
-        if known:
-            return Row(what, "-", "refused", "accepted", math.nan, math.nan, reason)
         return Row(what, "-", "refused", "accepted", 1.0, 0.5, reason)
-    inexact = [row.name for row in imported_case.records if row.replaced or row.left_out]
-    cause = f"replaced or left out: {' '.join(inexact)}" if inexact else ""
+    inexact = [row.name for row in of_pair.records if row.replaced or row.left_out]
+    cause = f"replaced or left out: {', '.join(inexact)}" if inexact else ""
     return Row(what, "-", "accepted", "accepted", 0.0, 0.5, cause)
