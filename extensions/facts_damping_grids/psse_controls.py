@@ -33,7 +33,7 @@ def role_of(model: str) -> str:
 
 
 def with_effect(
-    records: Sequence[Dynamic], unit: Unit, classical: bool, file: str, notes: list[str | Note]
+    records: Sequence[Dynamic], unit: Unit, file: str, notes: list[str | Note], *, classical: bool
 ) -> list[Dynamic]:
     """The controls of a machine that act on it; notes of the others: not modelled, or without what they act on."""
     acting = []
@@ -55,10 +55,8 @@ def with_effect(
     return acting
 
 
-def add_control(
-    record: Dynamic, unit: Unit, file: str, controls: dict[str, list[Row]], notes: list[str | Note]
-) -> None:
-    """Add the record of a control that is modelled to its table.
+def add_control(record: Dynamic, unit: Unit, file: str, controls: dict[str, list[Row]], notes: list[str | Note]) -> str:
+    """Add the record of a control that is modelled to its table, which is returned.
 
     Raises `InputError` if there are too few constants, or the machine has such a control already.
     """
@@ -75,6 +73,7 @@ def add_control(
     else:
         notes += _adapted(row, record, unit, file)
     controls[table].append(row)
+    return table
 
 
 def _adapted(row: Row, record: Dynamic, unit: Unit, file: str) -> list[Note]:

@@ -8,12 +8,11 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.plant.system import System
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping_grids import matpower_conversion
 from facts_damping_grids import psse_network as network
 from facts_damping_grids.notes import Note
+from facts_damping_grids.psse_checking import system_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -49,15 +48,12 @@ class Terminal(NamedTuple):
         return math.degrees(cmath.phase(self.voltage))
 
 
-def units(case: RawCase, buses: Mapping[int, Row], notes: list[str | Note]) -> list[Unit]:
+def units(case: RawCase, buses: Mapping[int, Row]) -> list[Unit]:
     """Generators in service."""
     rows = [row for row in case.tables["generator"] if row["STAT"] == 1 and network.bus_of(row, buses)]
     count = Counter(int(row["I"]) for row in rows)
     if not rows:
         raise InputError("generator: none in service given; allowed: at least one")
-    left = len(case.tables["generator"]) - len(rows)
-    if left:
-        notes.append(f"{left} generators are out of service: left out")
     listed = []
     for row in rows:
         n, name = int(row["I"]), f"G{int(row['I'])}"
@@ -90,8 +86,8 @@ def held(listed: Sequence[Unit], buses: Mapping[int, Row], notes: list[str | Not
 
 def solved(
     grid: Mapping[str, Any], listed: Sequence[Unit], voltages: Mapping[int, float], buses: Mapping[int, Row]
-) -> dict[str, Terminal]:
-    """The power flow with all units at their buses, which hold their voltages: voltage and power of each by its name.
+) -> tuple[dict[str, Terminal], dict[str, complex]]:
+    """The power flow with all units at their buses: voltage and power (p.u.) of each by its name; voltages of buses.
 
     `grid`: the content of a system without units. Raises `InputError` if the power flow does not converge.
     """
@@ -101,7 +97,15 @@ def solved(
         place = {"name": unit.name, "bus": f"B{unit.bus}", "rating": unit.rating, "V": voltages[unit.bus]}
         machines.append(place | dispatch | {"Q": unit.row["QG"]} | matpower_conversion.TYPICAL)
     pmus = [{"name": slack.name, "machine": slack.name}]
-    content = matpower_conversion.filled({**grid, "machines": machines, "pmus": pmus})
-    flow = solve(check(System, content, "power flow"))
+    flow = solve(system_of(matpower_conversion.filled({**grid, "machines": machines, "pmus": pmus})))
     at = flow.by_bus
-    return {unit.name: Terminal(at[f"B{unit.bus}"], flow.generation[unit.name]) for unit in listed}
+    return {unit.name: Terminal(at[f"B{unit.bus}"], flow.generation[unit.name]) for unit in listed}, at
+
+
+def mismatch(buses: Mapping[int, Row], solution: Mapping[str, complex]) -> str:
+    """The greatest difference between the voltages of the bus table and those of the power flow, as a note."""
+    stored = {n: cmath.rect(row["VM"], math.radians(row["VA"])) for n, row in buses.items()}
+    apart = {n: abs(voltage - solution[f"B{n}"]) for n, voltage in stored.items()}
+    n = max(apart, key=lambda bus: apart[bus])
+    there, here = (f"{abs(v):.5f} p.u., {math.degrees(cmath.phase(v)):.3f} deg" for v in (stored[n], solution[f"B{n}"]))
+    return f"power flow: within {apart[n]:.2g} p.u. of the file's voltages; at bus {n} {here}, in the file {there}"
