@@ -19,8 +19,8 @@ from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.files import read_yaml
 from facts_damping.plant.build import build
 from facts_damping.signals import CHANNELS, MACHINE_TRUTH
-from facts_damping_grids.control_limits import widened
-from facts_damping_grids.psse_conversion import MACHINES, import_case
+from facts_damping_grids.psse_conversion import import_case
+from facts_damping_grids.psse_machines import MACHINES
 from facts_damping_grids.psse_reading import read_dyr
 from facts_damping_validation.table import Row, ValidationTable
 from facts_damping_validation.time_domain import follow
@@ -104,7 +104,7 @@ def not_modelled(dyr: Path) -> list[str]:
 
 def imported(case: Case) -> System:
     """The system of a case, with a PMU for each measured bus, branch and machine. Raises `InputError`."""
-    content, _ = widened(import_case(folder() / case.folder / case.raw, folder() / case.folder / case.dyr).content)
+    content = import_case(folder() / case.folder / case.raw, folder() / case.folder / case.dyr).content
     if case.loads != "impedance":
         parts = {name: {case.loads: 1} for name in ("P_fractions", "Q_fractions")}
         content["loads"] = [load | parts for load in content["loads"]]
@@ -192,7 +192,7 @@ def accepted() -> ValidationTable:
 
 def _accepted(raw: str, dyr: str) -> Row:
     try:
-        content, _ = widened(import_case(folder() / raw, (folder() / raw).parent / dyr).content)
+        content = import_case(folder() / raw, (folder() / raw).parent / dyr).content
         build(check(System, content, raw), [], [])
     except InputError as error:
         missing = not_modelled((folder() / raw).parent / dyr)

@@ -136,10 +136,8 @@ def test_generator_without_a_record_is_a_constant_current(tmp_path: Path, capsys
     assert said in capsys.readouterr().err
     assert [machine.name for machine in system.machines] == ["G1", "G2"]
     system = imported(tmp_path, RAW.read_text())
-    assert (
-        "no dynamic data: typical data of synchronous machines (Kundur, table 4.2) (3 machines: G1, G2, G3)"
-        in capsys.readouterr().err
-    )
+    said = "no dynamic data: typical data of synchronous machines (Kundur, table 4.2) (3 machines: G1, G2, G3)"
+    assert said in capsys.readouterr().err
     assert [machine.name for machine in system.machines] == ["G1", "G2", "G3"]
 
 
