@@ -6,6 +6,7 @@ allow: with one out of its range, the ranges of its system are the physical ones
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.parameters.field_errors import FieldError, field_errors
@@ -19,6 +20,12 @@ if TYPE_CHECKING:
     Origins = Mapping[tuple[str, str], str]  # file, line and model by table and machine
 
 PHYSICAL = {"ranges": "physical"}
+LIMITS = {
+    "greater than": "more than",
+    "greater than or equal to": "at least",
+    "less than": "less than",
+    "less than or equal to": "at most",
+}
 
 
 def checked(content: dict[str, Any], origins: Origins, problems: Problems) -> tuple[dict[str, Any], list[Note]]:
@@ -26,7 +33,8 @@ def checked(content: dict[str, Any], origins: Origins, problems: Problems) -> tu
     unusual = field_errors(System, content)
     if not unusual:
         return content, []
-    physical = content | PHYSICAL
+    head = ("name", "description")
+    physical = {key: content[key] for key in head} | PHYSICAL | content
     impossible = field_errors(System, physical)
     problems.add(*(_text(error, content, origins) for error in impossible))
     refused = {error.field for error in impossible}
@@ -41,29 +49,36 @@ def system_of(content: dict[str, Any]) -> System:
     return System.model_validate(content | PHYSICAL)
 
 
-def _row(error: FieldError, content: Mapping[str, Any]) -> tuple[str, str, str]:
+def _place(error: FieldError, content: Mapping[str, Any]) -> tuple[str, str, str]:
     """Table, name of the row (the machine of a control) and field of an error; the last two are empty for others."""
-    table, *place = error.field.split(".")
-    if len(place) < 1 or not place[0].isdigit():
+    match = re.fullmatch(r"(\w+)\.(\d+)\.?(.*)", error.field)
+    if match is None:
         return error.field, "", ""
-    row = content[table][int(place[0])]
-    return table, str(row.get("name", row.get("machine"))), ".".join(place[1:])
+    row = content[match[1]][int(match[2])]
+    return match[1], str(row.get("name", row.get("machine"))), match[3]
+
+
+def _where(table: str, name: str, origins: Origins) -> str:
+    """Where a row comes from: file, line and model, if they are known, else its table and name."""
+    return origins.get((table, name), ": ".join(part for part in (table, name) if part))
 
 
 def _text(error: FieldError, content: Mapping[str, Any], origins: Origins) -> str:
     """An error with where its row comes from."""
-    table, name, field = _row(error, content)
-    where = origins.get((table, name), ": ".join(part for part in (table, name) if part))
-    return ": ".join(part for part in (where, field, error.text) if part)
+    table, name, field = _place(error, content)
+    return ": ".join(part for part in (_where(table, name, origins), field, error.text) if part)
 
 
 def _note(error: FieldError, content: Mapping[str, Any], origins: Origins) -> Note:
-    """A note on a value that is out of its usual range."""
-    table, name, field = _row(error, content)
-    value, _, usual = error.text.partition(" given; allowed: ")
-    of_record = origins.get((table, name), f"{table}: {name}")
-    file, _, record = of_record.partition(": line ")
+    """A note on a value that is out of its usual range, or on values that are unusual beside each other."""
+    table, name, field = _place(error, content)
+    where = _where(table, name, origins)
+    file, _, record = where.partition(": line ")
     source = f"{file}: {record.split(': ')[1]}" if record else table
-    what = f"{field} is unusual; usual: {usual}" if usual else error.text
-    alone = f"{of_record}: {field} {value} is unusual; usual: {usual}" if usual else f"{of_record}: {error.text}"
-    return Note(alone, f"{source}: {what}", table, name)
+    given, _, allowed = error.text.partition(" given; allowed: ")
+    if not allowed:
+        return Note(f"{where}: unusual: {given}", f"{source}: unusual: {given}", table, name)
+    words, unit = re.fullmatch(r"(.*?)(?:, in (.*))?", allowed).groups("")  # type: ignore[union-attr]
+    limit, _, value = words.rpartition(" ")
+    usual = f"is unusual; usual: {LIMITS.get(limit, limit)} {value} {unit}".rstrip()
+    return Note(f"{where}: {field} = {given} {usual}", f"{source}: {field} {usual}", table, name)

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from facts_damping_grids.notes import Note, Outcome
-    from facts_damping_grids.psse_reading import Dynamic, Row
+    from facts_damping_grids.psse_reading import Dynamic
+    from facts_damping_grids.psse_records import Row
     from facts_damping_grids.psse_units import Unit
 
 HYGOV = "R r Tr Tf Tg rate_max gate_max gate_min Tw At Dt q_nl"

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from facts_damping_grids.problems import Problems
-    from facts_damping_grids.psse_reading import Dyr, RawCase, Row
+    from facts_damping_grids.psse_reading import Dyr, RawCase
+    from facts_damping_grids.psse_records import Row
     from facts_damping_grids.psse_units import Unit
 
     Records = dict[str, list[Dynamic]]  # by the name of their unit

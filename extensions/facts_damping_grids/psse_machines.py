@@ -11,7 +11,8 @@ from facts_damping.errors import InputError
 from facts_damping_grids.notes import Note, of_record, where
 
 if TYPE_CHECKING:
-    from facts_damping_grids.psse_reading import Dynamic, Row
+    from facts_damping_grids.psse_reading import Dynamic
+    from facts_damping_grids.psse_records import Row
     from facts_damping_grids.psse_units import Unit
 
 ROUND = "Td01 Td02 Tq01 Tq02 H D Xd Xq Xd1 Xq1 Xd2 Xl S10 S12"
@@ -63,6 +64,8 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
 def constants(record: Dynamic, order: str, file: str) -> dict[str, float]:
     """The constants of a record by their names."""
     names = order.split()
+    if record.unreadable:
+        raise InputError(f"{where(record, file)}: {record.unreadable}")
     if len(record.values) < len(names):
         given = f"{len(record.values)} constants given; allowed: {len(names)}, {' '.join(names)}"
         raise InputError(f"{where(record, file)}: {given}")

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping_grids.psse_dynamics import Dynamics
-    from facts_damping_grids.psse_reading import RawCase, Row
+    from facts_damping_grids.psse_reading import RawCase
+    from facts_damping_grids.psse_records import Row
     from facts_damping_grids.psse_units import Terminal, Unit
 
 LEAST_REACTANCE = 1e-6  # p.u. of the system base, of an infinite source without one

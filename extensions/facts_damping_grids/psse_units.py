@@ -17,7 +17,8 @@ from facts_damping_grids.psse_checking import system_of
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping_grids.psse_reading import RawCase, Row
+    from facts_damping_grids.psse_reading import RawCase
+    from facts_damping_grids.psse_records import Row
 
 
 class Unit(NamedTuple):
@@ -71,16 +72,17 @@ def slack_of(listed: Sequence[Unit], buses: Mapping[int, Row]) -> Unit:
 
 
 def held(listed: Sequence[Unit], buses: Mapping[int, Row], notes: list[str | Note]) -> dict[int, float]:
-    """Voltages of the buses with units, p.u.: the scheduled one, or the solved one where a unit does not control it."""
+    """Voltages of the buses with units, p.u.: the scheduled one, or the solved one if no unit there holds it."""
     voltages: dict[int, float] = {}
+    holding = {unit.bus: unit.row["VS"] for unit in listed if network.holds_voltage(unit.row, buses[unit.bus])}
     for unit in listed:
-        bus, V = buses[unit.bus], unit.row["VS"]
-        if bus["IDE"] == matpower_conversion.PQ or (unit.row["IREG"] and unit.row["IREG"] != unit.bus):
-            V = bus["VM"]
-            alone = f"{unit.name} does not control the voltage of its bus: here it does, at {V:g} p.u."
-            common = "do not control the voltage of their buses: here they do"
-            notes.append(Note(alone, common, "machines", unit.name))
+        V: float = holding.get(unit.bus, buses[unit.bus]["VM"])
+        scheduled = unit.row["VS"]
         voltages[unit.bus] = V
+        if abs(V - scheduled) > 0.0:
+            alone = f"{unit.name} starts at the voltage of the bus table, {V:g} p.u., not at {scheduled:g}"
+            common = "start at the voltage of the bus table: they regulate another bus, or are at a limit of QG"
+            notes.append(Note(alone, common, "generators", unit.name))
     return voltages
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from facts_damping_grids.psse_reading import Dyr, RawCase
 
 # Sections whose records affect the grid and are not read; the others do not affect it.
-ACTING = ("two-terminal dc", "VSC dc", "multi-terminal dc", "FACTS device", "GNE device", "induction machine")
+ACTING = ("VSC dc", "multi-terminal dc", "FACTS device", "GNE device", "induction machine", "impedance correction")
 STATUS = {  # columns that say whether an element is in service
     "load": "STATUS",
     "fixed shunt": "STATUS",
@@ -21,6 +21,8 @@ STATUS = {  # columns that say whether an element is in service
     "branch": "ST",
     "transformer": "STAT",
     "switched shunt": "ST",
+    "switching device": "ST",
+    "two-terminal dc": "MDC",
 }
 OTHER = "no machine's"  # records of a DYR file that belong to no machine
 GRAVITY = ("idle", "replaced", "left out")  # outcomes from the least grave one on
@@ -55,7 +57,7 @@ def of_case(case: RawCase, dyr: Dyr | None, notes: Iterable[str | Note]) -> list
     rows = []
     for name, read in _read(case, dyr).items():
         of_name = list(outcomes.get(name, {}).values())
-        out = [row for row in case.tables[name] if row[STATUS[name]] == 0.0] if name in STATUS else []
+        out = [row for row in case.tables[name] if row.get(STATUS[name], 1.0) == 0.0] if name in STATUS else []
         idle = of_name.count("idle") + len(out)
         numbers = read, of_name.count("replaced"), of_name.count("left out"), idle
         rows.append(Records(name, *numbers, tuple(effects.get(name, ()))))
