@@ -57,7 +57,7 @@ def convert(
     problems = problems or Problems()
     notes: list[str | Note] = _sections_left_out(case)
     grid = network.network(case, load_model, notes, problems.lines)
-    units = psse_units.units(case, grid.buses)
+    units = psse_units.units(case, grid.buses, notes)
     with problems.collected():
         psse_units.slack_of(units, grid.buses)
     if dyr is None:

@@ -12,6 +12,7 @@ from facts_damping_grids.matpower_conversion import TYPICAL
 from facts_damping_grids.notes import Note, of_record, where
 from facts_damping_grids.psse_machines import MACHINES, is_source, machine_of
 from facts_damping_grids.psse_reading import Dynamic
+from facts_damping_grids.psse_units import identifier
 from facts_damping_grids.report import OTHER
 
 if TYPE_CHECKING:
@@ -81,10 +82,10 @@ def _by_unit(
 ) -> tuple[dict[str, Dynamic], Records]:
     """The machine record of each unit that has one, and its other records."""
     by_place = {(unit.bus, unit.machine): unit for unit in listed}
-    in_case = {(int(row["I"]), str(row["ID"])) for row in case.tables["generator"]}
+    in_case = {(int(row["I"]), identifier(row["ID"])) for row in case.tables["generator"]}
     models, others = dict[str, Dynamic](), dict[str, list[Dynamic]]()
     for record in dyr.records:
-        place = record.bus, record.machine
+        place = record.bus, identifier(record.machine)
         unit = by_place.get(place)
         if unit is None:
             notes.append(_without_machine(record, file, out_of_service=place in in_case))

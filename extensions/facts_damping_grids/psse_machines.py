@@ -19,6 +19,9 @@ ROUND = "Td01 Td02 Tq01 Tq02 H D Xd Xq Xd1 Xq1 Xd2 Xl S10 S12"
 SALIENT = "Td01 Td02 Tq02 H D Xd Xq Xd1 Xd2 Xl S10 S12"
 
 
+UNEQUAL = 1e-3  # p.u., difference of reactances
+
+
 class MachineModel(NamedTuple):
     """A machine model of the library: ours, the constants of its record in their order, the form of its saturation."""
 
@@ -52,6 +55,9 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
     if of_library.model == "classical":
         return row | {"Xd1": unit.row["ZX"]}
     row["Xq2"] = row["Xd2"]
+    if abs(unit.row["ZX"] - row["Xd2"]) > UNEQUAL:
+        text = "ZX of the RAW file is not X''d, as PSS/E wants it: X''d counts"
+        notes.append(of_record(record, unit.name, file, text))
     if row["S10"] == 0.0 < row["S12"]:
         notes.append(of_record(record, unit.name, file, "S(1.0) is 0: without saturation, as in PSS/E"))
     if row["S10"] == 0.0 or row["S12"] <= row["S10"]:

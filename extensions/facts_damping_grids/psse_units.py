@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+import re
 from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -49,18 +50,30 @@ class Terminal(NamedTuple):
         return math.degrees(cmath.phase(self.voltage))
 
 
-def units(case: RawCase, buses: Mapping[int, Row]) -> list[Unit]:
-    """Generators in service."""
+def units(case: RawCase, buses: Mapping[int, Row], notes: list[str | Note]) -> list[Unit]:
+    """Generators in service, on their MBASE; where that is 0 on the system base, as in PSS/E."""
     rows = [row for row in case.tables["generator"] if row["STAT"] == 1 and network.bus_of(row, buses)]
-    count = Counter(int(row["I"]) for row in rows)
+    count, used = Counter(int(row["I"]) for row in rows), set[str]()
     if not rows:
         raise InputError("generator: none in service given; allowed: at least one")
     listed = []
     for row in rows:
-        n, name = int(row["I"]), f"G{int(row['I'])}"
-        name = name if count[n] == 1 else f"{name}_{row['ID']}"
-        listed.append(Unit(name, n, str(row["ID"]), row, row["MBASE"] or case.base_power))
+        n, mark = int(row["I"]), re.sub(r"[^A-Za-z0-9]", "", str(row["ID"]))
+        name = f"G{n}" if count[n] == 1 else f"G{n}_{mark}"
+        while name in used:
+            name += "x"
+        used.add(name)
+        rating = abs(row["MBASE"]) or case.base_power
+        if row["MBASE"] < 0.0:
+            alone = f"line {row['line']}: generator: MBASE of {name} is {row['MBASE']:g}: taken as {rating:g} MVA"
+            notes.append(Note(alone, "generator: MBASE below 0: its magnitude is taken", "generators", name))
+        listed.append(Unit(name, n, identifier(row["ID"]), row, rating))
     return listed
+
+
+def identifier(text: str) -> str:
+    """The identifier of a machine as PSS/E has it: in capital letters, without blanks; none is 1."""
+    return str(text).strip().upper() or "1"
 
 
 def slack_of(listed: Sequence[Unit], buses: Mapping[int, Row]) -> Unit:
@@ -76,7 +89,7 @@ def held(listed: Sequence[Unit], buses: Mapping[int, Row], notes: list[str | Not
     voltages: dict[int, float] = {}
     holding = {unit.bus: unit.row["VS"] for unit in listed if network.holds_voltage(unit.row, buses[unit.bus])}
     for unit in listed:
-        V: float = holding.get(unit.bus, buses[unit.bus]["VM"])
+        V = holding[unit.bus] if unit.bus in holding else buses[unit.bus]["VM"]
         scheduled = unit.row["VS"]
         voltages[unit.bus] = V
         if abs(V - scheduled) > 0.0:
