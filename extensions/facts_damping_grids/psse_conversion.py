@@ -75,7 +75,7 @@ def convert(
             **content,
             **{table: [*content.get(table, []), *more] for table, more in rows._asdict().items()},
             **dynamics.controls,
-            **matpower_conversion.measured([m["name"] for m in rows.machines]),
+            **matpower_conversion.measured([m["name"] for m in rows.machines], f"B{units[0].bus}"),
         }
     )
     content, unusual = checked(content, dynamics.origins, problems)

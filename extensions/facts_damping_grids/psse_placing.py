@@ -67,8 +67,9 @@ def placed(
             _add_source(place, case, rows)
         else:
             places.append(place)
-    if not places:
-        raise InputError(f"generator: none that swings given, {len(listed)} in service; allowed: at least one machine")
+    if not places and not rows.infinite_buses:
+        given = f"{len(listed)} given that become constant currents"
+        raise InputError(f"generator: {given}; allowed: at least one machine or infinite source among them")
     slack = None if rows.infinite_buses else _slack(places, buses)
     together = [place.bus for place in places]
     for place in places:

@@ -18,7 +18,7 @@ def document(content: Mapping[str, Any], typical: Sequence[str], origin: str, re
     """
     head = f"# Imported from {origin}. Per-unit data of the network are on {content['base_power']:g} MVA.\n"
     head += "".join(f"# {escaped(line)}".rstrip() + "\n" for line in remarks)
-    which = "all" if len(typical) == len(content["machines"]) else ", ".join(typical)
+    which = "all" if len(typical) == len(content.get("machines", ())) else ", ".join(typical)
     remark = f"# Typical data, not from the case (Kundur 1994, tables 3.2 and 4.2): {which}"
     return head + rows_text(content, {"machines": remark} if typical else {})
 
