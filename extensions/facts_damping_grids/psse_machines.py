@@ -56,7 +56,7 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
         return row | {"Xd1": unit.row["ZX"]}
     row["Xq2"] = row["Xd2"]
     if abs(unit.row["ZX"] - row["Xd2"]) > UNEQUAL:
-        text = "ZX of the RAW file is not X''d, as PSS/E wants it: X''d counts"
+        text = "ZX of the RAW file is not X''d: X''d counts"
         notes.append(of_record(record, unit.name, file, text))
     if row["S10"] == 0.0 < row["S12"]:
         notes.append(of_record(record, unit.name, file, "S(1.0) is 0: without saturation, as in PSS/E"))
