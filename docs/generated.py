@@ -190,7 +190,8 @@ def _controls() -> Iterator[str]:
     """Controls of machines that have the fields of the PSS/E library."""
     yield f"### {CONTROLS}\n"
     yield "Controls of machines from the PSS/E library, whose fields and blocks are on [a page of their own]"
-    yield f"({LIBRARY}). Each also has `machine`, `model` and `enabled` (default: `true`).\n"
+    yield f"({LIBRARY}). Each also has `machine`, `model` and `enabled` (default: `true`). Exciters also have"
+    yield "`RC`, `XC` (default 0): they control |V + (RC + j XC) I| with the current I out of the machine, as IEEEVC.\n"
 
 
 # Controllers whose parameters are told, by their title; the other networks differ in defaults alone.

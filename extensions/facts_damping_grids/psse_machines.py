@@ -47,7 +47,7 @@ def is_source(record: Dynamic) -> bool:
 def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) -> Row:
     """Constants of a machine by our names. Raises `InputError` if there are too few or the inertia is negative."""
     of_library = MACHINES[record.model]
-    row: Row = {"model": of_library.model, "speed_torque": record.model != "GENCLS", "Ra": unit.row["ZR"]}
+    row: Row = {"model": of_library.model, "speed_torque": True, "Ra": unit.row["ZR"]}
     row |= constants(record, of_library.order, file)
     if row["H"] <= 0.0:
         allowed = "above 0" if record.model != "GENCLS" else "above 0, or 0 for an infinite source"
@@ -56,7 +56,7 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
         return row | {"Xd1": unit.row["ZX"]}
     row["Xq2"] = row["Xd2"]
     if abs(unit.row["ZX"] - row["Xd2"]) > UNEQUAL:
-        text = "ZX of the RAW file is not X''d, as PSS/E wants it: X''d counts"
+        text = "ZX of the RAW file is not X''d: X''d counts"
         notes.append(of_record(record, unit.name, file, text))
     if row["S10"] == 0.0 < row["S12"]:
         notes.append(of_record(record, unit.name, file, "S(1.0) is 0: without saturation, as in PSS/E"))

@@ -3,7 +3,7 @@
 `exciters`, `governors` and `stabilisers` have a file `name.py` with a `ROW` for each model: a new file is a new model.
 Sources: IEEE Std 421.5 (exciters, stabilisers); IEEE Committee Report, Dynamic Models for Steam and Hydro
 Turbines in Power System Studies, 1973 (governors); IEEE Committee Report, Excitation System Models for Power System
-Stability Studies, 1981 (EXST1, IEEEST); PSS/E Model Library.
+Stability Studies, 1981 (EXST1, EXAC1, IEEEST); PSS/E Model Library; GridPACK (EXDC1, PSSSIM).
 """
 
 from __future__ import annotations

@@ -20,7 +20,10 @@ DC_FIELDS = "TR KA TA TB TC VRMAX VRMIN KE TE KF TF1 SWITCH E1 SE1 E2 SE2"
 
 
 def dc_exciter(limited_by: str, gives: str = "Efd") -> tuple[Block, ...]:
-    """IEEE type DC1 (limits constant) and DC2 (limits in proportion to the terminal voltage)."""
+    """IEEE type DC1 (limits constant) and DC2 (limits in proportion to the terminal voltage).
+
+    TE dEfd = VR - KE Efd - SE(Efd) Efd; with KE 0, KE is -SE at the start, so that VR is 0 there, as in PSS/E.
+    """
     return (
         VOLTAGE_SEEN,
         Block("VF", "rate", gives, ("KF", "TF1")),

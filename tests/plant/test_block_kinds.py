@@ -157,8 +157,8 @@ def test_saturation_goes_through_both_points_in_any_order(points: tuple[float, .
     A, B = saturation(data)
     assert (B == 0.0) == none
     for E, SE in () if none else ((2.0, 0.1), (3.0, 0.5)):
-        S = B * (E - A) ** 2 / E
-        assert pytest.approx(SE) == S
+        value = B * (E - A) ** 2 / E
+        assert value == pytest.approx(SE)
 
 
 @pytest.mark.parametrize("model", ["IEEET1", "IEEEX1", "EXDC1", "EXDC2", "ESDC2A", "IEEET2"])

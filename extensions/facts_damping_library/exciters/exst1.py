@@ -1,4 +1,4 @@
-"""EXST1."""
+"""EXST1: IEEE type ST1 (Committee Report of 1981); Efd lies between VRMIN Vt - KC Ifd and VRMAX Vt - KC Ifd."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""IEEET1."""
+"""IEEET1: IEEE type 1 (Committee Report of 1968), a rotating DC exciter, without a lead-lag; KE of 0 as for IEEEX1."""
 
 from __future__ import annotations
 

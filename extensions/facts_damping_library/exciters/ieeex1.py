@@ -1,4 +1,4 @@
-"""IEEEX1."""
+"""IEEEX1: IEEE type DC1A (Std 421.5-1992), a rotating DC exciter; KE and VRMAX of 0 as in PSS/E (`dc_exciter`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SEXS."""
+"""SEXS: a simplified excitation system of PSS/E: one lead-lag (TATB is its numerator over TB) and one lag."""
 
 from __future__ import annotations
 
