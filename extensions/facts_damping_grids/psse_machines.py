@@ -47,7 +47,7 @@ def is_source(record: Dynamic) -> bool:
 def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) -> Row:
     """Constants of a machine by our names. Raises `InputError` if there are too few or the inertia is negative."""
     of_library = MACHINES[record.model]
-    row: Row = {"model": of_library.model, "speed_torque": True, "Ra": unit.row["ZR"]}
+    row: Row = {"model": of_library.model, "speed_torque": record.model != "GENCLS", "Ra": unit.row["ZR"]}
     row |= constants(record, of_library.order, file)
     if row["H"] <= 0.0:
         allowed = "above 0" if record.model != "GENCLS" else "above 0, or 0 for an infinite source"
