@@ -67,12 +67,15 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
     return row
 
 
-def constants(record: Dynamic, order: str, file: str) -> dict[str, float]:
-    """The constants of a record by their names."""
-    names = order.split()
+def constants(record: Dynamic, order: str, file: str, optional: str = "") -> dict[str, float]:
+    """The constants of a record by their names; of `optional` ones those at its end may be missing: 0."""
+    names, missing = order.split(), optional.split()
     if record.unreadable:
         raise InputError(f"{where(record, file)}: {record.unreadable}")
-    if len(record.values) < len(names):
-        given = f"{len(record.values)} constants given; allowed: {len(names)}, {' '.join(names)}"
+    needed = len(names)
+    while needed and names[needed - 1] in missing:
+        needed -= 1
+    if len(record.values) < needed:
+        given = f"{len(record.values)} constants given; allowed: {len(names)}, {order}"
         raise InputError(f"{where(record, file)}: {given}")
-    return dict(zip(names, record.values, strict=False))
+    return dict.fromkeys(names, 0.0) | dict(zip(names, record.values, strict=False))

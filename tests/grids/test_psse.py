@@ -214,7 +214,7 @@ def test_psse_record_without_a_model_is_named_with_its_substitute(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     dyr = DYR.read_text().replace("'IEEEG1' 1  0 0 20 0.1", "'IEEEG1' 1  0 0 20 0.001")
-    more = "2 'IEEEVC' 1 0.01 0.05 /\n7 'USRMDL' 1 5 /\n3 'USRMDL' 1 1 2 /\n9 'GENROU' 1 1 2 /\nsomething else /\n"
+    more = "2 'MAXEX2' 1 0.01 0.05 /\n7 'USRMDL' 1 5 /\n3 'USRMDL' 1 1 2 /\n9 'GENROU' 1 1 2 /\nsomething else /\n"
     more += "2 'DC4B' 1 0.01 200 50 50 0.01 10 -10 1 0.02 /\n"  # ours has another order
     imported(
         tmp_path, raw_with(("^0 / END OF TWO", "1,2,3\n0 / END OF TWO")), dyr.replace("3 'GENROU'", "3 'GENXYZ'") + more
@@ -222,7 +222,7 @@ def test_psse_record_without_a_model_is_named_with_its_substitute(
     errors = capsys.readouterr().err
     for said in (
         "case.raw: a two-terminal dc record is left out",
-        "line 11: IEEEVC: of G2: is not modelled: left out",
+        "line 11: MAXEX2: of G2: is not modelled: left out",
         "line 12: USRMDL: no machine 1 at bus 7 in the case: left out",
         "line 13: USRMDL: of G3: is no machine model that is known: left out",
         "line 15: something else ... is no record of a machine: left out",

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 DC = ("^0 / END OF VSC", "1,2,3\n0 / END OF VSC")
 MORE = """\
-2 'IEEEVC' 1 0.01 0.05 /
+2 'MAXEX2' 1 0.01 0.05 /
 7 'USRMDL' 1 5 /
 3 'USRMDL' 1 1 2 /
 4 'GENROU' 1 8.0 0.03 0.4 0.05 9.55 0 1.8 1.7 0.3 0.55 0.25 0.2 0 0 /
@@ -49,7 +49,7 @@ def test_each_record_is_exact_or_replaced_or_left_out_or_idle(case: tuple[Path, 
         "REGCA1": (1, 0, 1, 0, 0),
         "SEXS": (1, 0, 0, 1, 0),
         "IEEEG1": (1, 0, 1, 0, 0),
-        "IEEEVC": (1, 0, 0, 1, 0),
+        "MAXEX2": (1, 0, 0, 1, 0),
         "USRMDL": (2, 0, 0, 2, 0),
     }
     assert rows["branch"].exact == 6

@@ -251,6 +251,16 @@ def test_classical_machine_has_its_damping_and_no_exciter(tmp_path: Path) -> Non
     assert [exciter.machine for exciter in system.exciters] == ["G1", "G2"]
 
 
+def test_load_compensation_goes_to_the_exciter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of either record, wherever it stands; without an exciter it has none to act on."""
+    dyr = "3 'COMP' 1 0.04 /\n1 'IEEEVC' 1 0.01 0.05 /\n2 'COMP' 1 0.04 /\n"
+    dyr += "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not line.startswith("2 'EXST1'"))
+    system = imported(tmp_path, RAW.read_text(), dyr)
+    parts = {exciter.machine: (exciter.RC, exciter.XC) for exciter in system.exciters}  # type: ignore[attr-defined]
+    assert parts == {"G1": (0.01, 0.05), "G3": (0.0, -0.04)}
+    assert "line 3: COMP: of G2: has no exciter to act on: left out" in capsys.readouterr().err
+
+
 def test_reactance_of_the_source_that_is_not_that_of_the_machine_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
