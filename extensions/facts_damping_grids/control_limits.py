@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError
 from facts_damping.machine_controls.block_models import MODELS
@@ -11,29 +11,42 @@ from facts_damping.machine_controls.blocks import TABLES
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import limit_violations
+from facts_damping_grids.notes import Note
+from facts_damping_grids.problems import Problems
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 WIDER = 0.1  # fraction of the initial value by which the limit is moved beyond it
 MAXIMUM = 5  # iterations, as one limit may depend on another
+EFFECT = "the limit acts later than in the case"
 
 
-def widened(content: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+def widened(content: dict[str, Any], origins: Mapping[tuple[str, str], str]) -> tuple[dict[str, Any], list[Note]]:
     """Content of a system with limits widened as its initial state needs, and a note for each.
 
-    Raises `InputError` if that does not help.
+    `origins`: where a control comes from, by its table and machine. Raises `InputError` if that does not help.
     """
-    wider_content, notes = deepcopy(content), list[str]()
+    wider_content, notes, problems = deepcopy(content), list[Note](), Problems()
     for _ in range(MAXIMUM):
         violations = limit_violations(check(System, wider_content, "import"))
         if not violations:
             return wider_content, notes
-        for strain in violations:
-            if strain.field is None:
-                raise InputError(str(strain))
-            c = strain.control
-            beyond = WIDER * abs(strain.wanted)
-            limit = strain.wanted + (beyond if strain.value > strain.high else -beyond)
-            table = wider_content[TABLES[MODELS[c.model].role]]
-            row = next(row for row in table if row["machine"] == c.machine)
-            notes.append(f"{strain}; {strain.field}: {row[strain.field]:g} is set to {limit:.4g}")
-            row[strain.field] = limit
+        for violation in violations:
+            c, field = violation.control, violation.field
+            table = TABLES[MODELS[c.model].role]
+            place = origins.get((table, c.machine), f"{table}: {c.machine}: {c.model}")
+            limits = f"allowed by its limits: {violation.low:.4g} to {violation.high:.4g}"
+            text = f"{place}: {violation.name} is {violation.value:.4g} p.u. at the start; {limits}"
+            if field is None:
+                problems.add(text)
+                continue
+            beyond = WIDER * abs(violation.wanted)
+            limit = violation.wanted + (beyond if violation.value > violation.high else -beyond)
+            row = next(row for row in wider_content[table] if row["machine"] == c.machine)
+            text += f"; {field}: {row[field]:g} is set to {limit:.4g}"
+            common = f"{table}: {c.model}: {field} excludes the start: widened"
+            notes.append(Note(text, common, "machines", c.machine, c.model, "replaced", EFFECT))
+            row[field] = limit
+        problems.check()
     raise InputError(str(violations[0]))

@@ -99,8 +99,13 @@ def system_name(case: str) -> str:
     return re.sub(r"[^A-Za-z0-9_.+-]", "_", case).lstrip("_.+-")[:64] or "case"
 
 
-def measured(machines: Sequence[str]) -> dict[str, Any]:
-    """A PMU at each machine, and the speed differences between the first one and the others."""
+def measured(machines: Sequence[str], bus: str = "") -> dict[str, Any]:
+    """A PMU at each machine, and the speed differences between the first one and the others.
+
+    `bus`: where a PMU is if there is no machine.
+    """
+    if not machines:
+        return {"pmus": [{"name": bus, "bus": bus}]}
     first = machines[0]
     pairs = {f"w_{first}_{other}": other for other in machines[1:]}
     return {

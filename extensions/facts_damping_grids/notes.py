@@ -19,8 +19,8 @@ NAMED = 3  # elements of a common note that are named
 class Note(NamedTuple):
     """A note on one element: as it reads alone; and what it has in common with those of other elements, their kind.
 
-    The report counts by `record` (a section of the RAW file or a model of the DYR file) those with an outcome: their
-    record is replaced, left out, or idle as in PSS/E. `effect`: what that can change; `line`: of the record.
+    `record`: section of the RAW file or model of the DYR file; with an outcome it is replaced, left out, or idle as in
+    PSS/E, and the report counts it; `effect`: what that can change.
     """
 
     alone: str
@@ -30,13 +30,12 @@ class Note(NamedTuple):
     record: str = ""
     outcome: Outcome = ""
     effect: str = ""
-    line: int = 0
 
 
 def of_record(record: Dynamic, machine: str, file: str, text: str, outcome: Outcome = "", effect: str = "") -> Note:
     """A note on a record of a DYR file, which belongs to a machine."""
     alone, common = f"{where(record, file)}: of {machine}: {text}", f"{file}: {record.model}: {text}"
-    return Note(alone, common, "machines", machine, record.model, outcome, effect, record.line)
+    return Note(alone, common, "machines", machine, record.model, outcome, effect)
 
 
 def where(record: Dynamic, file: str) -> str:
@@ -45,9 +44,11 @@ def where(record: Dynamic, file: str) -> str:
 
 
 def told(notes: Iterable[str | Note]) -> list[str]:
-    """The notes as lines, in the order of their first element."""
+    """The notes as lines, in the order of their first element; what is idle in PSS/E, too, is left to the report."""
     groups: dict[object, list[str | Note]] = {}
     for note in notes:
+        if isinstance(note, Note) and note.outcome == "idle":
+            continue
         groups.setdefault(note if isinstance(note, str) else (note.common, note.kind), []).append(note)
     lines = []
     for first, *others in groups.values():

@@ -5,18 +5,10 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, ProblemsError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-
-class CaseError(InputError):
-    """All problems of a case; each of its `lines` is a message of its own."""
-
-    def __init__(self, lines: Iterable[str]) -> None:
-        self.lines = tuple(lines)
-        super().__init__("\n".join(self.lines))
+    from collections.abc import Iterator
 
 
 class Problems:
@@ -38,11 +30,11 @@ class Problems:
             self.add(*problems_of(error))
 
     def check(self) -> None:
-        """Raise `CaseError` if there is a problem."""
+        """Raise `ProblemsError` with all problems if there are any."""
         if self.lines:
-            raise CaseError(self.lines)
+            raise ProblemsError(self.lines, most=len(self.lines))
 
 
-def problems_of(error: InputError) -> tuple[str, ...]:
+def problems_of(error: InputError) -> list[str]:
     """The problems of an error, one if it is of one alone."""
-    return error.lines if isinstance(error, CaseError) else (str(error),)
+    return error.lines if isinstance(error, ProblemsError) else [str(error)]

@@ -15,27 +15,36 @@ from facts_damping_grids.notes import of_record, where
 from facts_damping_grids.psse_machines import constants
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from facts_damping_grids.notes import Note, Outcome
-    from facts_damping_grids.psse_reading import Dynamic, Row
+    from facts_damping_grids.psse_reading import Dynamic
+    from facts_damping_grids.psse_records import Row
     from facts_damping_grids.psse_units import Unit
 
 HYGOV = "R r Tr Tf Tg rate_max gate_max gate_min Tw At Dt q_nl"
 NOT_SEEN = "what is faster than 2 ms, which no swing is"
+# Load compensators: their constants, and RC and XC of the exciter, which controls |V + (RC + j XC) I|.
+COMPENSATORS: dict[str, tuple[str, Callable[[Row], Row]]] = {
+    "IEEEVC": ("RC XC", lambda row: row),
+    "COMP": ("XE", lambda row: {"XC": -row["XE"]}),
+}
 
 
 def role_of(model: str) -> str:
     """What a control that is modelled is for; empty: it is not modelled."""
-    if model == "HYGOV":
-        return "governor"
+    if model in COMPENSATORS or model == "HYGOV":
+        return "compensator" if model in COMPENSATORS else "governor"
     return MODELS[model].role if model in MODELS and MODELS[model].record else ""
 
 
 def with_effect(
-    records: Sequence[Dynamic], unit: Unit, classical: bool, file: str, notes: list[str | Note]
+    records: Sequence[Dynamic], unit: Unit, file: str, notes: list[str | Note], *, classical: bool
 ) -> list[Dynamic]:
-    """The controls of a machine that act on it; notes of the others: not modelled, or without what they act on."""
+    """The controls of a machine that act on it, its exciter first; notes of the others.
+
+    These are not modelled, or have nothing to act on.
+    """
     acting = []
     excited = not classical and any(role_of(record.model) == "exciter" for record in records)
     for record in records:
@@ -44,7 +53,7 @@ def with_effect(
             reason = "is not modelled"
         elif classical and role != "governor":
             reason = "has no effect on GENCLS, whose field is constant"
-        elif role == "stabiliser" and not excited:
+        elif role in ("stabiliser", "compensator") and not excited:
             reason = "has no exciter to act on"
         if not reason:
             acting.append(record)
@@ -52,21 +61,25 @@ def with_effect(
         outcome: Outcome = "idle" if role and classical else "left out"
         effect = effect_of(record.model) if outcome == "left out" else ""
         notes.append(of_record(record, unit.name, file, f"{reason}: left out", outcome, effect))
-    return acting
+    return sorted(acting, key=lambda record: role_of(record.model) != "exciter")
 
 
-def add_control(
-    record: Dynamic, unit: Unit, file: str, controls: dict[str, list[Row]], notes: list[str | Note]
-) -> None:
-    """Add the record of a control that is modelled to its table.
+def add_control(record: Dynamic, unit: Unit, file: str, controls: dict[str, list[Row]], notes: list[str | Note]) -> str:
+    """Add the record of a control that is modelled to its table, which is returned; a compensator to its exciter.
 
     Raises `InputError` if there are too few constants, or the machine has such a control already.
     """
+    if record.model in COMPENSATORS:
+        order, parts = COMPENSATORS[record.model]
+        exciter = next(row for row in controls["exciters"] if row["machine"] == unit.name)
+        exciter |= parts(constants(record, order, file))
+        return "compensators"
     table = "governors" if record.model == "HYGOV" else TABLES[MODELS[record.model].role]
     if any(row["machine"] == unit.name for row in controls[table]):
         raise InputError(f"{where(record, file)}: {unit.name} has one of the {table} already; allowed: one")
-    order = HYGOV if record.model == "HYGOV" else MODELS[record.model].fields
-    row: Row = {"machine": unit.name, "model": record.model, **constants(record, order, file)}
+    model = MODELS.get(record.model)
+    order, optional = (model.fields, model.optional) if model else (HYGOV, "")
+    row: Row = {"machine": unit.name, "model": record.model, **constants(record, order, file, optional)}
     if record.model == "HYGOV":
         if row["gate_min"] < 0.001:
             row["gate_min"] = 0.001
@@ -75,6 +88,7 @@ def add_control(
     else:
         notes += _adapted(row, record, unit, file)
     controls[table].append(row)
+    return table
 
 
 def _adapted(row: Row, record: Dynamic, unit: Unit, file: str) -> list[Note]:

@@ -12,12 +12,15 @@ from facts_damping_grids.matpower_conversion import TYPICAL
 from facts_damping_grids.notes import Note, of_record, where
 from facts_damping_grids.psse_machines import MACHINES, is_source, machine_of
 from facts_damping_grids.psse_reading import Dynamic
+from facts_damping_grids.psse_units import identifier
+from facts_damping_grids.report import OTHER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from facts_damping_grids.problems import Problems
-    from facts_damping_grids.psse_reading import Dyr, RawCase, Row
+    from facts_damping_grids.psse_reading import Dyr, RawCase
+    from facts_damping_grids.psse_records import Row
     from facts_damping_grids.psse_units import Unit
 
     Records = dict[str, list[Dynamic]]  # by the name of their unit
@@ -26,7 +29,7 @@ if TYPE_CHECKING:
 class Dynamics(NamedTuple):
     """By names of units: constants of machines, infinite sources, constant currents, machines with typical data.
 
-    And controls of machines by table.
+    And controls of machines by table, and by table and machine where a row comes from: file, line, model.
     """
 
     machines: dict[str, Row]
@@ -34,23 +37,24 @@ class Dynamics(NamedTuple):
     currents: list[str]
     typical: list[str]
     controls: dict[str, list[Row]]
+    origins: dict[tuple[str, str], str]
 
 
 def without(listed: Sequence[Unit]) -> Dynamics:
     """A case without DYR file: machines with typical data."""
     names = [unit.name for unit in listed]
-    return Dynamics({name: dict(TYPICAL) for name in names}, [], [], names, {})
+    return Dynamics({name: dict(TYPICAL) for name in names}, [], [], names, {}, {})
 
 
 def read(
     case: RawCase, listed: Sequence[Unit], dyr: Dyr, file: str, notes: list[str | Note], problems: Problems
 ) -> Dynamics:
     """What the records of a DYR file make of the units; `file`: its name."""
-    dynamics = Dynamics({}, [], [], [], {table: [] for table in TABLES.values()})
+    dynamics = Dynamics({}, [], [], [], {table: [] for table in TABLES.values()}, {})
     for line, text in dyr.unread:
         alone = f"{file}: line {line}: {text} ... is no record of a machine: left out"
         common = f"{file}: no records of machines: left out"
-        notes.append(Note(alone, common, "lines", str(line), "other", "left out", EFFECTS["other"], line))
+        notes.append(Note(alone, common, "lines", str(line), OTHER, "left out", EFFECTS["other"]))
     models, others = _by_unit(case, listed, dyr, file, notes, problems)
     for unit in listed:
         record, more = models.get(unit.name), others.get(unit.name, [])
@@ -62,11 +66,14 @@ def read(
             text = "acts on an infinite source, which stays as it is: left out"
             notes += [of_record(other, unit.name, file, text, "idle") for other in more]
         else:
+            dynamics.origins["machines", unit.name] = f"{where(record, file)}: of {unit.name}"
             with problems.collected():
                 dynamics.machines[unit.name] = machine_of(record, unit, file, notes)
-            for other in psse_controls.with_effect(more, unit, record.model == "GENCLS", file, notes):
+            classical = record.model == "GENCLS"
+            for other in psse_controls.with_effect(more, unit, file, notes, classical=classical):
                 with problems.collected():
-                    psse_controls.add_control(other, unit, file, dynamics.controls, notes)
+                    table = psse_controls.add_control(other, unit, file, dynamics.controls, notes)
+                    dynamics.origins[table, unit.name] = f"{where(other, file)}: of {unit.name}"
     return dynamics
 
 
@@ -75,10 +82,10 @@ def _by_unit(
 ) -> tuple[dict[str, Dynamic], Records]:
     """The machine record of each unit that has one, and its other records."""
     by_place = {(unit.bus, unit.machine): unit for unit in listed}
-    in_case = {(int(row["I"]), str(row["ID"])) for row in case.tables["generator"]}
+    in_case = {(int(row["I"]), identifier(row["ID"])) for row in case.tables["generator"]}
     models, others = dict[str, Dynamic](), dict[str, list[Dynamic]]()
     for record in dyr.records:
-        place = record.bus, record.machine
+        place = record.bus, identifier(record.machine)
         unit = by_place.get(place)
         if unit is None:
             notes.append(_without_machine(record, file, out_of_service=place in in_case))
@@ -98,8 +105,8 @@ def _without_machine(record: Dynamic, file: str, *, out_of_service: bool) -> Not
     alone = f"{where(record, file)}: no machine {record.machine} at bus {record.bus} {state}: left out"
     common, element = f"{file}: {record.model}: no machine {state}: left out", f"{record.machine} at bus {record.bus}"
     if out_of_service:
-        return Note(alone, common, "records", element, record.model, "idle", line=record.line)
-    return Note(alone, common, "records", element, record.model, "left out", effect_of(record.model), record.line)
+        return Note(alone, common, "records", element, record.model, "idle")
+    return Note(alone, common, "records", element, record.model, "left out", effect_of(record.model))
 
 
 def _as_current(unit: Unit, records: Sequence[Dynamic], file: str) -> list[Note]:
@@ -120,7 +127,5 @@ def _as_current(unit: Unit, records: Sequence[Dynamic], file: str) -> list[Note]
         text = f"{models} in {file}: a constant current of its P and Q"
         common = f"generator: no model of a machine in {file}: constant currents of their P and Q"
         alone = f"line {unit.row['line']}: generator: {unit.name} has {text}"
-        notes.append(
-            Note(alone, common, "generators", unit.name, "generator", "replaced", SOURCE, int(unit.row["line"]))
-        )
+        notes.append(Note(alone, common, "generators", unit.name, "generator", "replaced", SOURCE))
     return notes

@@ -11,11 +11,15 @@ from facts_damping.errors import InputError
 from facts_damping_grids.notes import Note, of_record, where
 
 if TYPE_CHECKING:
-    from facts_damping_grids.psse_reading import Dynamic, Row
+    from facts_damping_grids.psse_reading import Dynamic
+    from facts_damping_grids.psse_records import Row
     from facts_damping_grids.psse_units import Unit
 
 ROUND = "Td01 Td02 Tq01 Tq02 H D Xd Xq Xd1 Xq1 Xd2 Xl S10 S12"
 SALIENT = "Td01 Td02 Tq02 H D Xd Xq Xd1 Xd2 Xl S10 S12"
+
+
+UNEQUAL = 1e-3  # p.u., difference of reactances
 
 
 class MachineModel(NamedTuple):
@@ -43,7 +47,7 @@ def is_source(record: Dynamic) -> bool:
 def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) -> Row:
     """Constants of a machine by our names. Raises `InputError` if there are too few or the inertia is negative."""
     of_library = MACHINES[record.model]
-    row: Row = {"model": of_library.model, "speed_torque": True, "Ra": unit.row["ZR"]}
+    row: Row = {"model": of_library.model, "speed_torque": record.model != "GENCLS", "Ra": unit.row["ZR"]}
     row |= constants(record, of_library.order, file)
     if row["H"] <= 0.0:
         allowed = "above 0" if record.model != "GENCLS" else "above 0, or 0 for an infinite source"
@@ -51,6 +55,9 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
     if of_library.model == "classical":
         return row | {"Xd1": unit.row["ZX"]}
     row["Xq2"] = row["Xd2"]
+    if abs(unit.row["ZX"] - row["Xd2"]) > UNEQUAL:
+        text = "ZX of the RAW file is not X''d: X''d counts"
+        notes.append(of_record(record, unit.name, file, text))
     if row["S10"] == 0.0 < row["S12"]:
         notes.append(of_record(record, unit.name, file, "S(1.0) is 0: without saturation, as in PSS/E"))
     if row["S10"] == 0.0 or row["S12"] <= row["S10"]:
@@ -60,10 +67,15 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
     return row
 
 
-def constants(record: Dynamic, order: str, file: str) -> dict[str, float]:
-    """The constants of a record by their names."""
-    names = order.split()
-    if len(record.values) < len(names):
-        given = f"{len(record.values)} constants given; allowed: {len(names)}, {' '.join(names)}"
+def constants(record: Dynamic, order: str, file: str, optional: str = "") -> dict[str, float]:
+    """The constants of a record by their names; of `optional` ones those at its end may be missing: 0."""
+    names, missing = order.split(), optional.split()
+    if record.unreadable:
+        raise InputError(f"{where(record, file)}: {record.unreadable}")
+    needed = len(names)
+    while needed and names[needed - 1] in missing:
+        needed -= 1
+    if len(record.values) < needed:
+        given = f"{len(record.values)} constants given; allowed: {len(names)}, {order}"
         raise InputError(f"{where(record, file)}: {given}")
-    return dict(zip(names, record.values, strict=False))
+    return dict.fromkeys(names, 0.0) | dict(zip(names, record.values, strict=False))

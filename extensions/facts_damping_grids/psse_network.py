@@ -1,201 +1,203 @@
-"""The network of PSS/E records: buses, lines, transformers, loads and shunts, as rows of a system's tables."""
+"""The network of PSS/E records: buses, lines, transformers, loads and shunts, as rows of a system's tables.
+
+What no equation can be made of is collected as problems, each with file and line.
+"""
 
 from __future__ import annotations
 
-import math
-import re
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.errors import InputError
-from facts_damping_grids.matpower_conversion import ISOLATED
+from facts_damping.output.tables import some_of
+from facts_damping_grids.matpower_conversion import ISOLATED, PQ, REFERENCE
 from facts_damping_grids.notes import Note
-from facts_damping_grids.psse_reading import Row
+from facts_damping_grids.psse_loads import IMPEDANCE, LoadModel, free_name, load_model, loads
+from facts_damping_grids.psse_records import KEYS, Row
+from facts_damping_grids.psse_transformers import ZERO, shunt, transformers
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from facts_damping_grids.psse_reading import RawCase
 
+__all__ = ["IMPEDANCE", "LoadModel", "Network", "bus_of", "free_name", "load_model", "network"]
 
-def buses(case: RawCase, notes: list[str | Note]) -> dict[int, Row]:
+LIMIT = 1e-3  # Mvar, closeness to a limit of reactive power, to which a RAW file rounds it
+
+
+class Network(NamedTuple):
+    """Buses in service by their numbers, names of star points, and rows of the system's tables."""
+
+    buses: dict[int, Row]
+    stars: list[str]
+    lines: list[Row]
+    transformers: list[Row]
+    loads: list[Row]
+    shunts: list[Row]
+
+
+def network(case: RawCase, model: LoadModel, notes: list[str | Note], problems: list[str]) -> Network:
+    """The network of a case; `model`: of loads of constant power.
+
+    Problems: unknown buses, X = 0 in a branch with resistance, a ratio of 0, an island with generators and no bus of
+    type 3. Islands without a generator in service are left out, and of several islands all but the largest one.
+    """
+    buses = _buses(case, notes, problems)
+    _check_buses(case, problems)
+    lines, at_ends = _lines(case, buses, notes, problems)
+    rows, stars, magnetising = transformers(case, buses, notes, problems)
+    joined = [(row["from"], row["to"]) for row in (*lines, *rows)]
+    out = _left_out(case, buses, stars, joined, notes, problems)
+    buses = {n: row for n, row in buses.items() if f"B{n}" not in out}
+    return Network(
+        buses,
+        [star for star in stars if star not in out],
+        [row for row in lines if row["from"] not in out],
+        [row for row in rows if row["from"] not in out],
+        loads(case, buses, model, notes, problems),
+        [row for row in (*at_ends, *magnetising, *_shunts(case, buses)) if row["bus"] not in out],
+    )
+
+
+def bus_of(record: Row, buses: Mapping[int, Row]) -> int | None:
+    """The bus of a record; None if it is isolated."""
+    return int(record["I"]) if int(record["I"]) in buses else None
+
+
+def holds_voltage(generator: Row, bus: Row) -> bool:
+    """Whether a generator holds VS at its bus; else that has the voltage VM of the solved case.
+
+    It does not at a bus of type 1, as regulator of another bus, and at a limit of its reactive power.
+    """
+    elsewhere = generator["IREG"] not in (0.0, generator["I"])
+    limited = not generator["QB"] + LIMIT < generator["QG"] < generator["QT"] - LIMIT
+    return bus["IDE"] != PQ and not elsewhere and (bus["IDE"] == REFERENCE or not limited)
+
+
+def _buses(case: RawCase, notes: list[str | Note], problems: list[str]) -> dict[int, Row]:
     """Buses in service by their numbers."""
     buses: dict[int, Row] = {}
-    for row in case.tables["bus"]:
-        number = int(row["I"])
-        if number in buses:
-            raise InputError(f"line {row['line']}: bus: {number} stands twice; allowed: each bus once")
-        buses[number] = row
-    out = [n for n, row in buses.items() if row["IDE"] == ISOLATED]
+    for record in case.tables["bus"]:
+        n = int(record["I"])
+        if n in buses:
+            problems.append(f"{case.where('bus', record)}: {n} stands twice; allowed: each bus once")
+        buses[n] = record
+    out = [str(n) for n, record in buses.items() if record["IDE"] == ISOLATED]
     if out:
-        notes.append(f"isolated buses are left out: {', '.join(map(str, out))}")
-    for section in ("branch", "transformer"):
-        for row in case.tables[section]:
-            for end in ("I", "J", *(["K"] if row.get("K") else [])):
-                if abs(int(row[end])) not in buses:
-                    raise InputError(f"line {row['line']}: {section}: {end} = {row[end]:g} given; allowed: a bus")
-    return {n: row for n, row in buses.items() if row["IDE"] != ISOLATED}
+        notes.append(f"isolated buses are left out: {some_of(out)}")
+    return {n: record for n, record in buses.items() if record["IDE"] != ISOLATED}
 
 
-def bus_of(row: Row, bus_rows: Mapping[int, Row]) -> int | None:
-    """The bus of a record; None if it is isolated or missing."""
-    return int(row["I"]) if int(row["I"]) in bus_rows else None
+def _check_buses(case: RawCase, problems: list[str]) -> None:
+    """Whether all records name buses that are there."""
+    known = {int(record["I"]) for record in case.tables["bus"]} | {0}
+    for section, records in case.tables.items():
+        for record in records:
+            for key in KEYS & record.keys():
+                n = record[key]
+                if abs(int(n)) not in known or (n == 0.0 and key != "K"):
+                    problems.append(f"{case.where(section, record)}: {key} = {n:g} given; allowed: a bus")
 
 
-def lines(case: RawCase, bus_rows: Mapping[int, Row]) -> tuple[list[Row], list[Row]]:
-    """Lines in service, and the shunts at their ends."""
+# Lines and shunts
+
+
+def _lines(
+    case: RawCase, buses: Mapping[int, Row], notes: list[str | Note], problems: list[str]
+) -> tuple[list[Row], list[Row]]:
+    """Lines and closed switches in service, and the shunts at the ends of lines.
+
+    A zero-impedance line is a small reactance: so its buses keep their names, and it may be opened.
+    """
     lines, shunts, used = list[Row](), list[Row](), set[str]()
-    for row in case.tables["branch"]:
-        a, b = abs(int(row["I"])), abs(int(row["J"]))
-        if row["ST"] != 1 or a not in bus_rows or b not in bus_rows:
-            continue
-        if row["X"] == 0.0 or a == b:
-            what = f"X = {row['X']:g}" if a != b else f"bus {a} at both ends"
-            raise InputError(f"line {row['line']}: branch: {what} given; allowed: two buses, X other than 0")
-        name = _free(f"line_{a}_{b}", row["CKT"], used)
-        lines.append({"name": name, "from": f"B{a}", "to": f"B{b}", "r": row["R"], "x": row["X"], "b": row["B"]})
-        for bus, G, B in ((a, row["GI"], row["BI"]), (b, row["GJ"], row["BJ"])):
-            if G or B:
-                shunts.append(_shunt(f"shunt_{name}_{bus}", bus, G, B, case))
+    for section in ("branch", "switching device"):
+        for record in case.tables[section]:
+            a, b, r, x = abs(int(record["I"])), abs(int(record["J"])), record.get("R", 0.0), record["X"]
+            if record["ST"] != 1 or a not in buses or b not in buses:
+                continue
+            joins = r == 0.0 and abs(x) <= case.threshold
+            if a == b or (x == 0.0 and not joins):
+                what = f"bus {a} at both ends" if a == b else f"X = 0 with R = {r:g}"
+                allowed = "two buses, X other than 0, or R and X of 0 for a zero-impedance line"
+                problems.append(f"{case.where(section, record)}: {what} given; allowed: {allowed}")
+                continue
+            name = free_name(f"{'line' if section == 'branch' else 'switch'}_{a}_{b}", record["CKT"], used)
+            if joins:
+                common = f"zero-impedance lines: a reactance of {ZERO:g} p.u. stands for it"
+                notes.append(
+                    Note(f"{name}: zero impedance: a reactance of {ZERO:g} p.u. stands for it", common, "lines", name)
+                )
+            ends = {"name": name, "from": f"B{a}", "to": f"B{b}"}
+            lines.append(ends | {"r": r, "x": ZERO if joins else x, "b": record.get("B", 0.0)})
+            for bus, G, B in ((a, record.get("GI"), record.get("BI")), (b, record.get("GJ"), record.get("BJ"))):
+                if G or B:
+                    shunts.append(shunt(f"shunt_{name}_{bus}", bus, G or 0.0, B or 0.0, case))
     return lines, shunts
 
 
-def _shunt(name: str, bus: int, G: float, B: float, case: RawCase) -> Row:
-    """A shunt of the system, from admittances in p.u."""
-    return {"name": name, "bus": f"B{bus}", "Q": B * case.base_power, "P": G * case.base_power}
-
-
-def _free(stem: str, circuit: str, used: set[str]) -> str:
-    """A name that is not used: with its circuit if that is not the first."""
-    mark = re.sub(r"[^A-Za-z0-9]", "", str(circuit))
-    name = stem if mark in ("", "1") else f"{stem}_{mark}"
-    while name in used:
-        name += "x"
-    used.add(name)
-    return name
-
-
-def loads(case: RawCase, bus_rows: Mapping[int, Row]) -> list[Row]:
-    """Loads: constant power in the power flow and impedances in the dynamics, as our loads are."""
-    loads = []
-    for row in case.tables["load"]:
-        n = bus_of(row, bus_rows)
-        if n is None or row["STATUS"] != 1:
-            continue
-        stem = f"load_{n}" if row["ID"] in ("1", "") else f"load_{n}_{row['ID']}"
-        fractions = {"P_fractions": {"current": 1}, "Q_fractions": {"current": 1}, "at": "nominal"}
-        parts: Any = (
-            ("", row["PL"], row["QL"], {}),
-            ("_current", row["IP"], row["IQ"], fractions),
-            ("_impedance", row["YP"], -row["YQ"], {"at": "nominal"}),
-        )
-        loads += [{"name": stem + end, "bus": f"B{n}", "P": P, "Q": Q} | more for end, P, Q, more in parts if P or Q]
-    return loads
-
-
-def shunts(case: RawCase, bus_rows: Mapping[int, Row]) -> list[Row]:
+def _shunts(case: RawCase, buses: Mapping[int, Row]) -> list[Row]:
     """Fixed shunts, and switched shunts in their present state."""
     rows = []
-    for section, G, B, on in (("fixed shunt", "GL", "BL", "STATUS"), ("switched shunt", None, "BINIT", "ST")):
+    for section, G, B, on in (("fixed shunt", "GL", "BL", "STATUS"), ("switched shunt", "", "BINIT", "ST")):
         used = set[str]()
-        for row in case.tables[section]:
-            n = bus_of(row, bus_rows)
-            if n is None or row[on] != 1 or not (row[B] or (G and row[G])):
+        for record in case.tables[section]:
+            n = bus_of(record, buses)
+            if n is None or record.get(on, 1) != 1 or not (record[B] or record.get(G)):
                 continue
-            name = _free(f"{section.split()[0]}_{n}", row.get("ID", "1"), used)
-            rows.append({"name": name, "bus": f"B{n}", "Q": row[B], "P": row[G] if G else 0.0})
+            name = free_name(f"{section.split()[0]}_{n}", record.get("ID", "1"), used)
+            rows.append({"name": name, "bus": f"B{n}", "Q": record[B], "P": record.get(G, 0.0)})
     return rows
 
 
-# Transformers
+# Islands
 
 
-class Winding(NamedTuple):
-    """A winding: its bus, the ratio of its voltage to that of the bus (p.u.), and its angle (deg)."""
-
-    bus: int
-    ratio: float
-    angle: float
-
-
-def _winding(row: Row, number: int, end: str, bus_rows: Mapping[int, Row]) -> Winding:
-    """A winding of a transformer; CW: 1: p.u. of the bus, 2: kV, 3: p.u. of the winding's nominal voltage."""
-    n, value = int(row[end]), row[f"WINDV{number}"]
-    base, nominal = bus_rows[n]["BASKV"] or 1.0, row[f"NOMV{number}"]
-    if row["CW"] == 2:
-        value /= base
-    elif row["CW"] == 3 and nominal:
-        value *= nominal / base
-    return Winding(n, value, row[f"ANG{number}"])
-
-
-def _impedance(row: Row, number: int, base_power: float) -> complex:
-    """R + j X of a pair of windings, p.u. of the system base.
-
-    CZ: 1: p.u. of the system base, 2: of the pair's rating, 3: load loss (W) and |Z| of the rating.
-    """
-    r, x, rating = (float(row[f"{name}{number}"]) for name in ("R", "X", "S"))
-    if row["CZ"] == 1:
-        return complex(r, x)
-    if not rating > 0.0:
-        raise InputError(f"line {row['line']}: transformer: SBASE = {rating:g} given; allowed: above 0")
-    if row["CZ"] == 3:
-        r = r / 1e6 / rating
-        x = math.sqrt(max(0.0, x * x - r * r))
-    return complex(r, x) * base_power / rating
-
-
-def transformers(
-    case: RawCase, bus_rows: Mapping[int, Row], notes: list[str | Note]
-) -> tuple[list[Row], list[str], list[Row]]:
-    """Two-winding transformers, three-winding ones as stars, the buses of the stars, and magnetising shunts."""
-    rows, stars, shunts, used = list[Row](), list[str](), list[Row](), set[str]()
-    for row in case.tables["transformer"]:
-        ends = [end for end in ("I", "J", "K") if row[end]]
-        if row["STAT"] == 0 or any(int(row[end]) not in bus_rows for end in ends):
+def _left_out(
+    case: RawCase,
+    buses: Mapping[int, Row],
+    stars: Iterable[str],
+    joined: Iterable[tuple[str, str]],
+    notes: list[str | Note],
+    problems: list[str],
+) -> set[str]:
+    """Buses of the islands that are left out."""
+    fed = {f"B{int(g['I'])}" for g in case.tables["generator"] if g["STAT"] == 1 and int(g["I"]) in buses}
+    swing = {bus for bus in fed if buses[int(bus[1:])]["IDE"] == REFERENCE}
+    islands = _islands([*(f"B{n}" for n in buses), *stars], joined)
+    with_swing = [island for island in islands if island.keys() & swing]
+    if not with_swing:
+        return set()  # which a system of one island without swing bus is refused for
+    largest = max(with_swing, key=len)
+    out = set[str]()
+    for island in islands:
+        if island is largest:
             continue
-        windings = [_winding(row, i, end, bus_rows) for i, end in enumerate(ends, 1)]
-        name = _free("T" + "_".join(str(int(row[end])) for end in ends), row["CKT"], used)
-        for w in windings:
-            if not 0.5 < w.ratio < 2.0:
-                raise InputError(f"line {row['line']}: transformer: ratio {w.ratio:g} given; allowed: 0.5 to 2")
-        z = [_impedance(row, i, case.base_power) for i in range(1, 2 if len(ends) == 2 else 4)]
-        if len(ends) == 2:
-            first, second = windings
-            turn = first.angle - second.angle
-            rows.append(_two_windings(name, first, turn, f"B{second.bus}", second.ratio, z[0], row, case))
+        names = some_of([bus[1:] for bus in island if bus[0] == "B"], 5)
+        if island.keys() & swing or not island.keys() & fed:
+            why = "beside the largest one" if island.keys() & swing else "without a generator in service"
+            notes.append(f"an island {why} is left out: buses {names}")
+            out |= island.keys()
         else:
-            star = f"{name}_star"
-            stars.append(star)
-            arms = [(z[0] + z[2] - z[1]) / 2, (z[0] + z[1] - z[2]) / 2, (z[1] + z[2] - z[0]) / 2]
-            out = {2: 1, 3: 2, 4: 0}.get(int(row["STAT"]))
-            for i, (w, arm) in enumerate(zip(windings, arms, strict=True)):
-                if i != out:
-                    rows.append(_two_windings(f"{name}_{i + 1}", w, w.angle, star, 1.0, arm, row, case))
-        shunts += _magnetising(row, windings[0].bus, name, case, notes)
-    return rows, stars, shunts
+            problem = f"an island with generators and no bus of type 3 given ({names})"
+            problems.append(f"{case.source}: bus: {problem}; allowed: such a bus in each island")
+    return out
 
 
-def _two_windings(
-    name: str, first: Winding, turn: float, end: str, second: float, z: complex, row: Row, case: RawCase
-) -> Row:
-    """A transformer of the system: its tap and phase shift at the first bus, its impedance at the second."""
-    z *= second * second
-    if z.imag == 0.0:
-        raise InputError(f"line {row['line']}: transformer: X = 0 given; allowed: another value")
-    tap, ends = first.ratio / second, {"from": f"B{first.bus}", "to": end}
-    values = {"name": name, **ends, "rating": case.base_power, "r": z.real, "x": z.imag}
-    return values | ({"tap": tap} if tap != 1.0 else {}) | ({"phase_shift": turn} if turn else {})
-
-
-def _magnetising(row: Row, bus: int, name: str, case: RawCase, notes: list[str | Note]) -> list[Row]:
-    """The magnetising branch as a shunt at the first bus; CM: 1: G and B of the system base, 2: W and p.u. current."""
-    G, B = row["MAG1"], row["MAG2"]
-    if not (G or B):
-        return []
-    if row["CM"] == 2:
-        rating = row["S1"] or case.base_power
-        G, current = G / 1e6 / case.base_power, B * rating / case.base_power
-        B = -math.sqrt(max(0.0, current * current - G * G))
-    alone = f"line {row['line']}: the magnetising branch of {name} is a shunt, which stays when it opens"
-    notes.append(Note(alone, "magnetising branches are shunts, which stay when it opens", "transformers", name))
-    return [_shunt(f"magnetising_{name}", bus, G, B, case)]
+def _islands(names: Iterable[str], joined: Iterable[tuple[str, str]]) -> list[dict[str, None]]:
+    """The buses that branches join, in the order of the names."""
+    near: dict[str, list[str]] = {name: [] for name in names}
+    for first, other in joined:
+        near[first].append(other)
+        near[other].append(first)
+    island_of: dict[str, int] = {}
+    for name in near:
+        edge = [] if name in island_of else [name]
+        number = len(island_of)
+        while edge:
+            bus = edge.pop()
+            if bus not in island_of:
+                island_of[bus] = number
+                edge += near[bus]
+    islands: dict[int, dict[str, None]] = {}
+    for name in near:
+        islands.setdefault(island_of[name], {})[name] = None
+    return list(islands.values())

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping_grids.psse_dynamics import Dynamics
-    from facts_damping_grids.psse_reading import RawCase, Row
+    from facts_damping_grids.psse_reading import RawCase
+    from facts_damping_grids.psse_records import Row
     from facts_damping_grids.psse_units import Terminal, Unit
 
 LEAST_REACTANCE = 1e-6  # p.u. of the system base, of an infinite source without one
@@ -66,8 +67,9 @@ def placed(
             _add_source(place, case, rows)
         else:
             places.append(place)
-    if not places:
-        raise InputError(f"generator: none that swings given, {len(listed)} in service; allowed: at least one machine")
+    if not places and not rows.infinite_buses:
+        given = f"{len(listed)} given that become constant currents"
+        raise InputError(f"generator: {given}; allowed: at least one machine or infinite source among them")
     slack = None if rows.infinite_buses else _slack(places, buses)
     together = [place.bus for place in places]
     for place in places:

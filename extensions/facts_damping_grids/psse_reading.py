@@ -1,100 +1,87 @@
-"""PSS/E files: power flow (RAW), versions 32 to 35, and dynamic data (DYR).
+"""PSS/E files: power flow (RAW), version 23 and 32 to 35, and dynamic data (DYR).
 
-A RAW file has records by section, whose columns are defined in tables here. Records are in free format: values between
-commas or blanks, text in quotes, `/` ends a record, an empty value between commas is the default. PSS/E Program
-Operation Manual, Power Flow Data File Contents.
+A RAW file has a head of three lines, then records by section, which a 0 ends; `Q` ends the file, and sections at its
+end may be missing. A DYR file has records of machines and their controls: a bus, a model in quotes, an identifier and
+the model's constants, up to a `/`; a record may take several lines. What follows a `/`, and lines that begin with one
+or with `@!`, are comments.
 
-A DYR file has records of machines and their controls: a bus, a model in quotes, an identifier and the model's
-constants, up to a `/`; a record may take several lines.
+What cannot be read is collected as problems, so that a user is told all of them at once.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, ProblemsError
 from facts_damping.input_files import GRID, is_file, read_text
 from facts_damping.parameters.field_errors import short
+from facts_damping_grids.psse_records import (
+    COLUMNS,
+    DC_LINE,
+    KEYS,
+    LINES,
+    SECTIONS,
+    TRANSFORMER,
+    VERSIONS,
+    Quoted,
+    Row,
+    columns_of,
+    number,
+    row,
+    values,
+)
+from facts_damping_grids.psse_version_23 import modern
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-VERSIONS = (32, 33, 34, 35)
-
-# Sections in their order. Those without columns are skipped, and reported if not empty.
-_COMMON = (
-    *("bus", "load", "fixed shunt", "generator", "branch", "transformer", "area", "two-terminal dc", "VSC dc"),
-    *("impedance correction", "multi-terminal dc", "multi-section line", "zone", "inter-area transfer", "owner"),
-    *("FACTS device", "switched shunt", "GNE device", "induction machine"),
-)
-_SINCE_34 = (*_COMMON[:5], "switching device", *_COMMON[5:], "substation")
-SECTIONS = {32: _COMMON[:-1], 33: _COMMON, 34: ("system-wide", *_SINCE_34), 35: ("system-wide", *_SINCE_34)}
-TEXT = {"NAME", "ID", "CKT"}
-
-# Columns: name, or name=default, up to the last one needed. By the first version that has them.
-_RATES = " ".join(f"RATE{i}=0" for i in range(1, 13))
-COLUMNS: dict[str, dict[int, str]] = {
-    "bus": {32: "I NAME= BASKV=0 IDE=1 AREA=1 ZONE=1 OWNER=1 VM=1 VA=0"},
-    "load": {32: "I ID=1 STATUS=1 AREA=1 ZONE=1 PL=0 QL=0 IP=0 IQ=0 YP=0 YQ=0"},
-    "fixed shunt": {32: "I ID=1 STATUS=1 GL=0 BL=0"},
-    "generator": {
-        32: "I ID=1 PG=0 QG=0 QT=9999 QB=-9999 VS=1 IREG=0 MBASE=0 ZR=0 ZX=1 RT=0 XT=0 GTAP=1 STAT=1 RMPCT=100 PT=9999",
-        35: "I ID=1 PG=0 QG=0 QT=9999 QB=-9999 VS=1 IREG=0 NREG=0 MBASE=0 ZR=0 ZX=1 RT=0 XT=0 GTAP=1 STAT=1 RMPCT=100"
-        " PT=9999",
-    },
-    "branch": {
-        32: "I J CKT=1 R=0 X B=0 RATEA=0 RATEB=0 RATEC=0 GI=0 BI=0 GJ=0 BJ=0 ST=1",
-        34: f"I J CKT=1 R=0 X B=0 NAME= {_RATES} GI=0 BI=0 GJ=0 BJ=0 ST=1",
-    },
-    "switched shunt": {
-        32: "I MODSW=1 ADJM=0 ST=1 VSWHI=1 VSWLO=1 SWREM=0 RMPCT=100 NAME= BINIT=0",
-        35: "I ID=1 MODSW=1 ADJM=0 ST=1 VSWHI=1 VSWLO=1 SWREG=0 NREG=0 RMPCT=100 NAME= BINIT=0",
-    },
-}
-# A transformer has four lines, or five with a third bus.
-TRANSFORMER = (
-    "I J K=0 CKT=1 CW=1 CZ=1 CM=1 MAG1=0 MAG2=0 NMETR=2 NAME= STAT=1",
-    "R1=0 X1 S1=0 R2=0 X2=0 S2=0 R3=0 X3=0 S3=0 VMSTAR=1 ANSTAR=0",
-    "WINDV=1 NOMV=0 ANG=0",
-    "WINDV=1 NOMV=0 ANG=0",
-    "WINDV=1 NOMV=0 ANG=0",
-)
-
-Row = dict[str, Any]
-
-
-class Quoted(str):
-    """A value in quotes: always text, never a number or a default."""
-
-    __slots__ = ()
+THRESHOLD = 1e-4  # p.u., reactance up to which a branch without resistance is a zero-impedance line (THRSHZ)
+MULTIPLE = {"transformer": TRANSFORMER, "two-terminal dc": DC_LINE}  # sections whose records have several lines
+# The version in a comment, as programs write it: `PSS/E-33.2`, `PSS(R)E 33 RAW`, `PSS(R)E 15-23 RAW`.
+_WRITTEN_BY = re.compile(r"PSS\W{0,5}(?:R\W{0,3})?E\W{0,3}(?:15-)?(\d\d)\b")
+_BEGINS = re.compile(r"\s*\d+[\s,]+'\s*[A-Za-z]\w*\s*'")  # a record of a DYR file
+_RECORD = re.compile(_BEGINS.pattern + "[^/]*/")  # on one line
 
 
 class RawCase(NamedTuple):
-    """A case: its base (MVA, Hz), rows by section, each with its `line`, and record counts of other sections."""
+    """A case: its file, its base (MVA, Hz), rows by section, each with its `line`, and record counts of other sections.
+
+    `threshold`: largest reactance of a zero-impedance line, p.u.
+    """
 
     name: str
+    source: str
     version: int
     base_power: float
     frequency: float
+    threshold: float
     tables: dict[str, list[Row]]
     unread: dict[str, int]
 
+    def where(self, section: str, record: Row) -> str:
+        """File, line and section of a record."""
+        return f"{self.source}: line {record['line']}: {section}"
+
 
 class Dynamic(NamedTuple):
-    """A record: the line where it begins, the machine (bus and identifier), the model and its constants."""
+    """A record: the line where it begins, the machine (bus and identifier), the model and its constants.
+
+    A constant that is no number, as some models have them, is not a number here; `unreadable` tells the first one.
+    """
 
     line: int
     bus: int
     model: str
     machine: str
     values: tuple[float, ...]
+    unreadable: str = ""
 
 
 class Dyr(NamedTuple):
-    """The records of machines, and unknown records: line and beginning."""
+    """The records of machines, and other ones: line and beginning."""
 
     records: list[Dynamic]
     unread: list[tuple[int, str]]
@@ -104,68 +91,121 @@ def read_lines(path: Path, kind: str) -> list[str]:
     """The lines of a file; `kind`: RAW or DYR."""
     if not is_file(path):
         raise InputError(f"{path}: no such file; allowed: an existing PSS/E {kind} file")
-    return read_text(path, GRID, "replace").splitlines()
-
-
-def as_number(text: str, where: str) -> float:
-    """A finite number; its exponent may be marked by D."""
-    try:
-        value = float(re.sub(r"[dD]", "E", text.strip("'\"")))
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{where}: {short(text)} given; allowed: a number")
-    return value
+    return read_text(path, GRID, "replace").replace("\r", "\n").split("\n")
 
 
 # RAW
 
 
-def read_raw(path: Path) -> RawCase:
-    """The records of a RAW file. Raises `InputError` with line and field of an unreadable value."""
-    lines = read_lines(path, "RAW")
-    where = f"{path}: line 1"
-    allowed = ", ".join(map(str, VERSIONS))
-    if not lines:
-        raise InputError(f"{path}: empty; allowed: a PSS/E RAW file of version {allowed}")
-    head = _values(lines[0], where)
-    version = int(as_number(head[2] if len(head) > 2 else "", f"{where}: REV, the version"))
-    if version not in VERSIONS:
-        raise InputError(f"{where}: version {version} given; allowed: {allowed}")
-    base = as_number(head[1], f"{where}: SBASE")
-    frequency = as_number(head[5], f"{where}: BASFRQ") if len(head) > 5 and head[5] else 60.0
-    if not base > 0.0 or not 10.0 <= frequency <= 400.0:
-        raise InputError(f"{where}: SBASE {base:g}, BASFRQ {frequency:g} given; allowed: above 0, and 10 to 400 Hz")
-    tables: dict[str, list[Row]] = {section: [] for section in (*COLUMNS, "transformer")}
+class _Head(NamedTuple):
+    """The first line: version, base power (MVA), frequency (Hz)."""
+
+    version: int
+    base: float
+    frequency: float
+
+
+def read_raw(path: Path, problems: list[str] | None = None) -> RawCase:
+    """The records of a RAW file.
+
+    Unreadable values are added to `problems`, each with file, line, section and column; without it they are an error.
+    Raises `ProblemsError`, and `InputError` for a file without version, buses or generators.
+    """
+    unreadable = list[str]() if problems is None else problems
+    lines = [(i, line) for i, line in enumerate(read_lines(path, "RAW"), 1) if not line.startswith("@!")]
+    head = _head(lines, str(path))
+    tables: dict[str, list[Row]] = {section: [] for section in (*COLUMNS, *MULTIPLE)}
     unread: dict[str, int] = {}
-    numbered = _records(lines)
-    for section in SECTIONS[version]:
-        for number, line in numbered:
-            at = f"{path}: line {number}: {section}"
+    threshold = THRESHOLD
+    numbered = _Numbered(lines[3:])
+    for section in SECTIONS[head.version]:
+        for i, line in numbered:
+            at = f"{path}: line {i}: {section}"
             if _ends(line):
                 break
-            if section == "transformer":
-                tables[section].append(_transformer(line, number, numbered, at))
+            if section in MULTIPLE:
+                record = _record(MULTIPLE[section], numbered.again(i, line), at, unreadable)
+                tables[section].append(record | {"line": i})
             elif section in COLUMNS:
-                columns = max(v for v in COLUMNS[section] if v <= version)
-                tables[section].append(_row(COLUMNS[section][columns], line, at) | {"line": number})
+                tables[section].append(row(columns_of(section, head.version), line, at, unreadable) | {"line": i})
+            elif section == "system-wide":
+                if line.lstrip()[0].isdigit():  # there is no such section
+                    numbered.again(i, line)
+                    break
+                threshold = _threshold(line, threshold)
             else:
                 unread[section] = unread.get(section, 0) + 1
+    if unreadable:
+        tables = {name: [r for r in rows if not _nameless(r)] for name, rows in tables.items()}
+    if problems is None and unreadable:
+        raise ProblemsError(unreadable)
     for section in ("bus", "generator"):
-        if not tables[section]:
+        if not tables[section] and not unreadable:
             raise InputError(f"{path}: no {section} record given; allowed: at least one")
-    unread.pop("system-wide", None)
-    return RawCase(path.stem, version, base, frequency, tables, unread)
+    unread = {section: math.ceil(count / LINES.get(section, 1)) for section, count in unread.items()}
+    case = RawCase(path.stem, str(path), head.version, head.base, head.frequency, threshold, tables, unread)
+    return modern(case)
 
 
-def _records(lines: list[str]) -> Iterator[tuple[int, str]]:
-    """Numbered lines after the three header lines, without comments; the end of the file ends all sections."""
-    for number, line in enumerate(lines[3:], 4):
-        if line.startswith("@!") or not line.strip():
-            continue
-        if line.strip() in ("Q", "q"):
-            return
-        yield number, line
+def _head(lines: list[tuple[int, str]], path: str) -> _Head:
+    """The version may stand in a comment; or the first bus tells that it is 23."""
+    if not any(line.strip() for _, line in lines):
+        raise InputError(f"{path}: empty; allowed: a PSS/E RAW file of version {', '.join(map(str, VERSIONS))}")
+    at, line = lines[0]
+    problems: list[str] = []
+    fields = row("IC=0 SBASE=100 REV=0 XFRRAT=0 NXFRAT=0 BASFRQ=60", line, f"{path}: line {at}", problems)
+    if problems:
+        raise ProblemsError(problems)
+    version, written = int(fields["REV"]), _WRITTEN_BY.search(line)
+    if version == 0 and written:
+        version = int(written[1])
+    if version == 0 and len(lines) > 3 and _is_old(lines[3][1]):
+        version = 23
+    if version not in VERSIONS:
+        given = "none" if version == 0 else str(version)
+        allowed = ", ".join(map(str, VERSIONS))
+        raise InputError(f"{path}: line {at}: REV, the version: {given} given; allowed: {allowed}")
+    base, frequency = fields["SBASE"], fields["BASFRQ"] or 60.0
+    if not base > 0.0 or not 10.0 <= frequency <= 400.0:
+        said = f"SBASE {base:g}, BASFRQ {frequency:g} given; allowed: above 0, and 10 to 400 Hz"
+        raise InputError(f"{path}: line {at}: {said}")
+    return _Head(version, base, frequency)
+
+
+def _is_old(line: str) -> bool:
+    """Whether the record of a bus is of version 23: its name is the tenth value, not the second one."""
+    try:
+        fields = values(line)
+    except ValueError:
+        return False
+    return len(fields) > 9 and isinstance(fields[9], Quoted) and not isinstance(fields[1], Quoted)
+
+
+class _Numbered:
+    """Lines with their numbers, without comments and empty ones; the end of the file ends all sections."""
+
+    def __init__(self, lines: list[tuple[int, str]]) -> None:
+        self._lines = iter(lines)
+        self._again: list[tuple[int, str]] = []
+
+    def __iter__(self) -> Iterator[tuple[int, str]]:
+        return self
+
+    def __next__(self) -> tuple[int, str]:
+        if self._again:
+            return self._again.pop()
+        for i, line in self._lines:
+            text = line.strip()
+            if text in ("Q", "q"):
+                self._lines = iter(())
+            elif text and text[0] != "/":
+                return i, line
+        raise StopIteration
+
+    def again(self, i: int, line: str) -> _Numbered:
+        """Have a line come once more."""
+        self._again.append((i, line))
+        return self
 
 
 def _ends(line: str) -> bool:
@@ -173,93 +213,87 @@ def _ends(line: str) -> bool:
     return re.match(r"\s*0\s*(/|,|\s|$)", line) is not None and not re.match(r"\s*0\s*,\s*[^/\s]", line)
 
 
-def _values(line: str, where: str) -> list[str]:
-    fields, rest = list[str](), line
-    while True:
-        rest = rest.lstrip()
-        if not rest or rest[0] == "/":
-            return fields
-        if rest[0] in "'\"":
-            end = rest.find(rest[0], 1)
-            if end < 0:
-                raise InputError(f"{where}: {short(rest)} given; allowed: text with a closing quote")
-            fields.append(Quoted(rest[1:end].strip()))
-            rest = rest[end + 1 :].lstrip()
-        else:
-            part = re.match(r"[^,/\s'\"]*", rest)
-            fields.append(part.group() if part else "")
-            rest = rest[len(fields[-1]) :].lstrip()
-        if rest[:1] == ",":
-            rest = rest[1:]
-            if not rest.strip():
-                return fields
+def _threshold(line: str, before: float) -> float:
+    """The THRSHZ that a line of the system-wide data gives, p.u.; else that from before."""
+    match = re.search(r"THRSHZ\s*=\s*([^\s,/]+)", line)
+    value = number(match[1]) if match else math.nan
+    return before if math.isnan(value) else value
 
 
-def _row(columns: str, line: str, where: str) -> Row:
-    values, row = _values(line, where), Row()
-    for i, column in enumerate(columns.split(" ")):
-        name, has_default, default = column.partition("=")
-        text = values[i] if i < len(values) else ""
-        if name in TEXT:
-            row[name] = text or default
-        elif text == "" and has_default and not isinstance(text, Quoted):
-            row[name] = float(default)
-        else:
-            row[name] = as_number(text, f"{where}: {name}")
-    return row
+def _record(templates: tuple[str, ...], numbered: _Numbered, where: str, problems: list[str]) -> Row:
+    """The lines of a record as one row; that of a transformer of two windings has a line less."""
+    record: Row = {}
+    for i, columns in enumerate(templates):
+        if i == 4 and record["K"] == 0.0:
+            break
+        at, line = next(numbered, (0, None))
+        if line is None:
+            problems.append(f"{where}: ends after {i} of its lines; allowed: all of them")
+            return {"I": math.nan}
+        record |= row(columns, line, re.sub(r"line \d+", f"line {at}", where), problems)
+    return record
 
 
-def _transformer(line: str, number: int, numbered: Iterator[tuple[int, str]], where: str) -> Row:
-    """The lines of a transformer as one row; columns of a winding have its number as a suffix."""
-    row = _row(TRANSFORMER[0], line, where) | {"line": number}
-    count = 4 if row["K"] == 0.0 else 5
-    for i in range(1, count):
-        following = next(numbered, None)
-        if following is None:
-            raise InputError(f"{where}: ends after {i} of {count} lines; allowed: all of them")
-        values = _row(TRANSFORMER[i], following[1], where.replace(f"line {number}", f"line {following[0]}"))
-        row |= values if i == 1 else {f"{name}{i - 1}": value for name, value in values.items()}
-    return row
+def _nameless(record: Row) -> bool:
+    """Whether a bus of a record could not be read."""
+    return any(math.isnan(record[key]) for key in KEYS if key in record)
 
 
 # DYR
 
 
-def read_dyr(path: Path) -> Dyr:
-    """The records of a DYR file. Raises `InputError` with the line of an unreadable record."""
+def read_dyr(path: Path, problems: list[str] | None = None) -> Dyr:
+    """The records of a DYR file.
+
+    Records that are not ended are added to `problems`; without it they are an error, a `ProblemsError`.
+    """
+    unreadable = list[str]() if problems is None else problems
     records, unread = list[Dynamic](), list[tuple[int, str]]()
     words, begins = list[str](), 0
-    for number, line in enumerate(read_lines(path, "DYR"), 1):
-        text, ended = _cut(line)
-        begins = begins if words else number
-        words += re.findall(r"'[^']*'|\"[^\"]*\"|[^\s,]+", text)
-        if ended and words:
-            record = _dynamic(words, begins, path)
-            records += [record] if record is not None else []
-            unread += [(begins, " ".join(words[:3]))] if record is None else []
+    lines = read_lines(path, "DYR")
+    for i, line in enumerate([*lines, ""], 1):
+        if words and (i > len(lines) or _BEGINS.match(line)):
+            start = f"{path}: line {begins}: {short(' '.join(words[:3]))}"
+            unreadable.append(f"{start}: not ended; allowed: a record that `/` ends")
             words = []
-    if words:
-        start = f"{path}: line {begins}: {short(' '.join(words[:3]))}"
-        raise InputError(f"{start}: not ended; allowed: a record that `/` ends")
+        rest = "" if line.lstrip().startswith(("//", "@!")) else line
+        while rest:
+            text, ended, rest = _cut(rest)
+            begins = begins if words else i
+            words += re.findall(r"'[^']*'|\"[^\"]*\"|[^\s,]+", text)
+            if ended and words:
+                record = _dynamic(words, begins)
+                if record is None:
+                    unread.append((begins, " ".join(words[:3])))
+                else:
+                    records.append(record)
+                words = []
+    if problems is None and unreadable:
+        raise ProblemsError(unreadable)
     return Dyr(records, unread)
 
 
-def _cut(line: str) -> tuple[str, bool]:
-    """A line up to the `/` that ends its record, and whether there is one. Comments begin with `//` or `@!`."""
-    if line.lstrip().startswith(("//", "@!")):
-        return "", False
-    quoted = False
-    for i, letter in enumerate(line):
-        quoted = quoted != (letter == "'")
-        if letter == "/" and not quoted:
-            return line[:i], True
-    return line, False
+def _cut(line: str) -> tuple[str, bool, str]:
+    """A line up to the `/` that ends its record, whether there is one, and what follows: another record, or nothing."""
+    end = line.find("/")
+    while end >= 0:
+        if line.count("'", 0, end) % 2 == 0 and line.count('"', 0, end) % 2 == 0:
+            rest = line[end + 1 :]
+            return line[:end], True, rest if line[:end].strip() and _RECORD.match(rest) else ""
+        end = line.find("/", end + 1)
+    return line, False, ""
 
 
-def _dynamic(words: list[str], line: int, path: Path) -> Dynamic | None:
-    """The record of a machine; None for any other."""
-    if len(words) < 3 or not words[0].isdigit() or words[1][0] not in "'\"":
+def _dynamic(words: list[str], line: int) -> Dynamic | None:
+    """The record of a machine; None for any other. One of a user's model (USRMDL) has the name of that model."""
+    if len(words) < 3 or not words[0].isdigit() or not words[1].strip("'\" ")[:1].isalpha():
         return None
-    model, where = words[1].strip("'\" ").upper(), f"{path}: line {line}"
-    values = tuple(as_number(text, f"{where}: {model}: value {i}") for i, text in enumerate(words[3:], 1))
-    return Dynamic(line, int(words[0]), model, words[2].strip("'\" "), values)
+    model, constants = words[1].strip("'\" ").upper(), words[3:]
+    if model == "USRLOD":
+        return None
+    if model == "USRMDL" and constants and math.isnan(number(constants[0])):
+        model, constants = constants[0].strip("'\" ").upper(), constants[7:]  # behind six counts
+    numbers = tuple(number(text) for text in constants)
+    bad = next((i for i, value in enumerate(numbers) if math.isnan(value)), None)
+    unreadable = "" if bad is None else f"value {bad + 1}: {short(constants[bad])} given; allowed: a number"
+    return Dynamic(line, int(words[0]), model, words[2].strip("'\" ") or "1", numbers, unreadable)

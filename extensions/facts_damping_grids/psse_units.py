@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import cmath
 import math
+import re
 from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.plant.system import System
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping_grids import matpower_conversion
 from facts_damping_grids import psse_network as network
 from facts_damping_grids.notes import Note
+from facts_damping_grids.psse_checking import system_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping_grids.psse_reading import RawCase, Row
+    from facts_damping_grids.psse_reading import RawCase
+    from facts_damping_grids.psse_records import Row
 
 
 class Unit(NamedTuple):
@@ -50,20 +51,29 @@ class Terminal(NamedTuple):
 
 
 def units(case: RawCase, buses: Mapping[int, Row], notes: list[str | Note]) -> list[Unit]:
-    """Generators in service."""
+    """Generators in service, on their MBASE; where that is 0 on the system base, as in PSS/E."""
     rows = [row for row in case.tables["generator"] if row["STAT"] == 1 and network.bus_of(row, buses)]
-    count = Counter(int(row["I"]) for row in rows)
+    count, used = Counter(int(row["I"]) for row in rows), set[str]()
     if not rows:
         raise InputError("generator: none in service given; allowed: at least one")
-    left = len(case.tables["generator"]) - len(rows)
-    if left:
-        notes.append(f"{left} generators are out of service: left out")
     listed = []
     for row in rows:
-        n, name = int(row["I"]), f"G{int(row['I'])}"
-        name = name if count[n] == 1 else f"{name}_{row['ID']}"
-        listed.append(Unit(name, n, str(row["ID"]), row, row["MBASE"] or case.base_power))
+        n, mark = int(row["I"]), re.sub(r"[^A-Za-z0-9]", "", str(row["ID"]))
+        name = f"G{n}" if count[n] == 1 else f"G{n}_{mark}"
+        while name in used:
+            name += "x"
+        used.add(name)
+        rating = abs(row["MBASE"]) or case.base_power
+        if row["MBASE"] < 0.0:
+            alone = f"line {row['line']}: generator: MBASE of {name} is {row['MBASE']:g}: taken as {rating:g} MVA"
+            notes.append(Note(alone, "generator: MBASE below 0: its magnitude is taken", "generators", name))
+        listed.append(Unit(name, n, identifier(row["ID"]), row, rating))
     return listed
+
+
+def identifier(text: str) -> str:
+    """The identifier of a machine as PSS/E has it: in capital letters, without blanks; none is 1."""
+    return str(text).strip().upper() or "1"
 
 
 def slack_of(listed: Sequence[Unit], buses: Mapping[int, Row]) -> Unit:
@@ -75,23 +85,24 @@ def slack_of(listed: Sequence[Unit], buses: Mapping[int, Row]) -> Unit:
 
 
 def held(listed: Sequence[Unit], buses: Mapping[int, Row], notes: list[str | Note]) -> dict[int, float]:
-    """Voltages of the buses with units, p.u.: the scheduled one, or the solved one where a unit does not control it."""
+    """Voltages of the buses with units, p.u.: the scheduled one, or the solved one if no unit there holds it."""
     voltages: dict[int, float] = {}
+    holding = {unit.bus: unit.row["VS"] for unit in listed if network.holds_voltage(unit.row, buses[unit.bus])}
     for unit in listed:
-        bus, V = buses[unit.bus], unit.row["VS"]
-        if bus["IDE"] == matpower_conversion.PQ or (unit.row["IREG"] and unit.row["IREG"] != unit.bus):
-            V = bus["VM"]
-            alone = f"{unit.name} does not control the voltage of its bus: here it does, at {V:g} p.u."
-            common = "do not control the voltage of their buses: here they do"
-            notes.append(Note(alone, common, "machines", unit.name))
+        V = holding[unit.bus] if unit.bus in holding else buses[unit.bus]["VM"]
+        scheduled = unit.row["VS"]
         voltages[unit.bus] = V
+        if abs(V - scheduled) > 0.0:
+            alone = f"{unit.name} starts at the voltage of the bus table, {V:g} p.u., not at {scheduled:g}"
+            common = "start at the voltage of the bus table: they regulate another bus, or are at a limit of QG"
+            notes.append(Note(alone, common, "generators", unit.name))
     return voltages
 
 
 def solved(
     grid: Mapping[str, Any], listed: Sequence[Unit], voltages: Mapping[int, float], buses: Mapping[int, Row]
-) -> dict[str, Terminal]:
-    """The power flow with all units at their buses, which hold their voltages: voltage and power of each by its name.
+) -> tuple[dict[str, Terminal], dict[str, complex]]:
+    """The power flow with all units at their buses: voltage and power (p.u.) of each by its name; voltages of buses.
 
     `grid`: the content of a system without units. Raises `InputError` if the power flow does not converge.
     """
@@ -101,7 +112,15 @@ def solved(
         place = {"name": unit.name, "bus": f"B{unit.bus}", "rating": unit.rating, "V": voltages[unit.bus]}
         machines.append(place | dispatch | {"Q": unit.row["QG"]} | matpower_conversion.TYPICAL)
     pmus = [{"name": slack.name, "machine": slack.name}]
-    content = matpower_conversion.filled({**grid, "machines": machines, "pmus": pmus})
-    flow = solve(check(System, content, "power flow"))
+    flow = solve(system_of(matpower_conversion.filled({**grid, "machines": machines, "pmus": pmus})))
     at = flow.by_bus
-    return {unit.name: Terminal(at[f"B{unit.bus}"], flow.generation[unit.name]) for unit in listed}
+    return {unit.name: Terminal(at[f"B{unit.bus}"], flow.generation[unit.name]) for unit in listed}, at
+
+
+def mismatch(buses: Mapping[int, Row], solution: Mapping[str, complex]) -> str:
+    """The greatest difference between the voltages of the bus table and those of the power flow, as a note."""
+    stored = {n: cmath.rect(row["VM"], math.radians(row["VA"])) for n, row in buses.items()}
+    apart = {n: abs(voltage - solution[f"B{n}"]) for n, voltage in stored.items()}
+    n = max(apart, key=lambda bus: apart[bus])
+    there, here = (f"{abs(v):.5f} p.u., {math.degrees(cmath.phase(v)):.3f} deg" for v in (stored[n], solution[f"B{n}"]))
+    return f"power flow: within {apart[n]:.2g} p.u. of the file's voltages; at bus {n} {here}, in the file {there}"

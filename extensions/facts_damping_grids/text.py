@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.escaping import escaped
 from facts_damping.parameters.yaml_text import dump
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from facts_damping_grids.matpower_conversion import Imported
+    from collections.abc import Iterable, Mapping, Sequence
 
 
-def document(imported: Imported, origin: str) -> str:
-    """The content as the text of a YAML file, one row per line."""
-    head = f"# Imported from {origin}. Per-unit data of the network are on {imported.content['base_power']:g} MVA.\n"
-    which = "all" if len(imported.typical) == len(imported.content["machines"]) else ", ".join(imported.typical)
+def document(content: Mapping[str, Any], typical: Sequence[str], origin: str, remarks: Iterable[str] = ()) -> str:
+    """The content as the text of a YAML file, one row per line; `typical`: machines with typical data.
+
+    `remarks`: lines of comment at its head.
+    """
+    head = f"# Imported from {origin}. Per-unit data of the network are on {content['base_power']:g} MVA.\n"
+    head += "".join(f"# {escaped(line)}".rstrip() + "\n" for line in remarks)
+    which = "all" if len(typical) == len(content.get("machines", ())) else ", ".join(typical)
     remark = f"# Typical data, not from the case (Kundur 1994, tables 3.2 and 4.2): {which}"
-    return head + rows_text(imported.content, {"machines": remark} if imported.typical else {})
+    return head + rows_text(content, {"machines": remark} if typical else {})
 
 
 def rows_text(content: Mapping[str, Any], remarks: Mapping[str, str] | None = None) -> str:

@@ -13,15 +13,17 @@ import numpy as np
 
 from facts_damping.errors import InputError
 from facts_damping.input_files import share_folder
-from facts_damping.machine_controls.block_models import MODELS
 from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.files import read_yaml
+from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import build
 from facts_damping.signals import CHANNELS, MACHINE_TRUTH
-from facts_damping_grids.control_limits import widened
-from facts_damping_grids.psse_conversion import MACHINES, import_case
+from facts_damping_grids.psse_controls import role_of
+from facts_damping_grids.psse_conversion import import_case
+from facts_damping_grids.psse_loads import load_model
+from facts_damping_grids.psse_machines import MACHINES
 from facts_damping_grids.psse_reading import read_dyr
+from facts_damping_validation.psse_steps import follow_in_steps
 from facts_damping_validation.table import Row, ValidationTable
 from facts_damping_validation.time_domain import follow
 
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 
 SOURCE = "PSS/E (PowerSimulationsDynamics.jl)"
 TOLERANCE = 0.01  # of the swing
-POWERS = ("electrical_power", "mechanical_power")  # of a machine, p.u. of the system base
+COMMAND = "facts-damping import CASE.raw CASE.dyr"
 REFERENCE_STEP = {"kind": "exciter_input", "name": "reference", "setpoint_max": 1.0, "rate_max": 1000.0}
 
 
@@ -75,7 +77,8 @@ class Case(NamedTuple):
     event: dict[str, Any]
     at: float
     columns: list[Column]
-    loads: str = "impedance"
+    loads: str = "P: impedance, Q: impedance"
+    steps: float | None = None
     deviations: dict[str, Deviation] = {}  # noqa: RUF012 (never changed)
 
 
@@ -98,16 +101,14 @@ def _case(row: dict[str, Any]) -> Case:
 
 def not_modelled(dyr: Path) -> list[str]:
     """Models of a DYR file for which there is no equation, in their order."""
-    names = dict.fromkeys(record.model for record in read_dyr(dyr).records)
-    return [n for n in names if n not in MACHINES and n != "HYGOV" and not (n in MODELS and MODELS[n].record)]
+    names = dict.fromkeys(record.model for record in read_dyr(dyr, []).records)
+    return [name for name in names if name not in MACHINES and not role_of(name)]
 
 
 def imported(case: Case) -> System:
     """The system of a case, with a PMU for each measured bus, branch and machine. Raises `InputError`."""
-    content, _ = widened(import_case(folder() / case.folder / case.raw, folder() / case.folder / case.dyr).content)
-    if case.loads != "impedance":
-        parts = {name: {case.loads: 1} for name in ("P_fractions", "Q_fractions")}
-        content["loads"] = [load | parts for load in content["loads"]]
+    place = folder() / case.folder
+    content = import_case(place / case.raw, place / case.dyr, load_model(case.loads)).content
     content |= {"pmus": list(_pmus(case, content).values()), "signals": {}, "measures": {}}
     if case.event["kind"] == "reference":
         content["devices"] = [REFERENCE_STEP | {"machine": case.event["machine"]}]
@@ -127,38 +128,54 @@ def _pmus(case: Case, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def trace(case: Case) -> NDArray[np.float64]:
     """Times, s, and columns of PSS/E."""
-    return np.loadtxt(folder() / case.folder / case.trace, delimiter=",", skiprows=1)
+    table: NDArray[np.float64] = np.loadtxt(folder() / case.folder / case.trace, delimiter=",", skiprows=1)
+    return table
 
 
-def run(case: Case, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Our columns of a case at instants, in the units of the trace. Raises `InputError`."""
-    system = imported(case)
+def run(case: Case, times: NDArray[np.float64], *, steps: bool = False) -> NDArray[np.float64]:
+    """Our columns of a case at instants, in the units of the trace; `steps`: by PSS/E's steps. Raises `InputError`."""
+    system, change = imported(case), 0.0
     if case.event["kind"] == "reference":
         g = [m.name for m in system.machines].index(case.event["machine"])
-        step = case.event["to"] - float(build(system, [], []).plant.controls[g]["Vref"])
-        ours = follow(system, ["reference"], times, [], {"reference": step}, asked_at=case.at)
+        change = case.event["to"] - float(build(system, [], []).plant.controls[g]["Vref"])
+    event = None if change else case.event
+    if steps:
+        ours = follow_in_steps(system, times, event, case.at, change)
+    elif event is None:
+        ours = follow(system, ["reference"], times, setpoints={"reference": change}, asked_at=case.at)
     else:
-        ours = follow(system, [], times, [case.event | {"time": case.at}])
-    return np.array([_values(ours, system, column) for column in case.columns]).T
+        ours = follow(system, [], times, [event | {"time": case.at}])
+    return np.column_stack([_values(ours, system, column) for column in case.columns])
 
 
 def _values(ours: Followed, system: System, column: Column) -> NDArray[np.float64]:
     """A column of ours in the trace's unit."""
-    machines, pmus = [m.name for m in system.machines], [pmu.name for pmu in system.pmus]
-    if column.quantity in MACHINE_TRUTH.names and column.element in machines:
+    machines, pmus = [str(m.name) for m in system.machines], [str(pmu.name) for pmu in system.pmus]
+    values: NDArray[np.float64]
+    if column.element in machines and column.quantity in set(MACHINE_TRUTH.names or ()):
         values = ours.machines[column.quantity][:, machines.index(column.element)]
     else:
         values = ours.frames[:, pmus.index(column.element), list(CHANNELS).index(column.quantity)]
     if column.quantity.endswith("angle"):
         values = np.unwrap(values)
-    return np.asarray(values * column.unit.scale)
+    return values * column.unit.scale
 
 
 def traces() -> ValidationTable:
     """Every column of every trace."""
     rows = [row for case in cases() for row in _rows(case)]
-    command = "facts-damping import CASE.raw CASE.dyr"
-    return ValidationTable("Runs of files of PSS/E", SOURCE, command, rows)
+    return ValidationTable("Runs of files of PSS/E", SOURCE, COMMAND, rows)
+
+
+def traces_in_steps() -> ValidationTable:
+    """The columns of the traces whose cases have no lag near PSS/E's step, by its steps."""
+    rows = [
+        Row(_what(case, column), "of the swing", "", "", relative, case.steps)
+        for case in cases()
+        if case.steps is not None
+        for column, relative in zip(case.columns, _apart(case, steps=True), strict=True)
+    ]
+    return ValidationTable("Runs of files of PSS/E by its steps", SOURCE, COMMAND, rows)
 
 
 def _rows(case: Case) -> list[Row]:
@@ -166,14 +183,19 @@ def _rows(case: Case) -> list[Row]:
     if missing:
         cause = f"not modelled: {' '.join(missing)}"
         return [Row(_what(case, column), "", "", "", math.nan, math.nan, cause) for column in case.columns]
-    theirs = trace(case)
-    apart = np.abs(run(case, theirs[:, 0]) - theirs[:, 1:]).max(axis=0)
-    swing = np.ptp(theirs[theirs[:, 0] >= case.at - 1e-6, 1:], axis=0)
     rows = []
-    for column, relative in zip(case.columns, apart / swing, strict=True):
+    for column, relative in zip(case.columns, _apart(case), strict=True):
         known = case.deviations.get(f"{column.quantity} {column.element}", Deviation(TOLERANCE, ""))
-        rows.append(Row(_what(case, column), "of the swing", "", "", float(relative), *known))
+        rows.append(Row(_what(case, column), "of the swing", "", "", relative, *known))
     return rows
+
+
+def _apart(case: Case, *, steps: bool = False) -> list[float]:
+    """The greatest deviation of each column, relative to its swing."""
+    theirs = trace(case)
+    apart = np.abs(run(case, theirs[:, 0], steps=steps) - theirs[:, 1:]).max(axis=0)
+    swing = np.ptp(theirs[theirs[:, 0] >= case.at, 1:], axis=0)
+    return [float(relative) for relative in apart / swing]
 
 
 def _what(case: Case, column: Column) -> str:
@@ -184,18 +206,29 @@ def _what(case: Case, column: Column) -> str:
 
 def accepted() -> ValidationTable:
     """Every pair of files: whether it is imported and has a start."""
-    rows = []
-    for name in read_yaml(folder() / "cases.yaml")["pairs"]:
-        rows.append(_accepted(*name.split(" ")))
-    return ValidationTable("Files of PSS/E that are accepted", SOURCE, "facts-damping import CASE.raw CASE.dyr", rows)
+    rows = [_accepted(raw, dyr) for raw, dyr in pairs()]
+    return ValidationTable("Files of PSS/E that are accepted", SOURCE, COMMAND, rows)
 
 
-def _accepted(raw: str, dyr: str) -> Row:
+def pairs() -> list[tuple[Path, Path]]:
+    """RAW and DYR files of every case that PSS/E accepts."""
+    files = []
+    for pair in read_yaml(folder() / "cases.yaml")["pairs"]:
+        place, _, names = pair.partition("/")
+        raw, dyr = names.split(" ")
+        files.append((folder() / place / raw, folder() / place / dyr))
+    return files
+
+
+def _accepted(raw: Path, dyr: Path) -> Row:
+    """A pair of files; `cause`: what is replaced or left out, or why it is refused."""
+    what = f"{raw.parent.name}/{raw.name} with {dyr.name}"
     try:
-        content, _ = widened(import_case(folder() / raw, (folder() / raw).parent / dyr).content)
-        build(check(System, content, raw), [], [])
+        of_pair = import_case(raw, dyr)
+        build(check(System, of_pair.content, what), [], [])
     except InputError as error:
-        missing = not_modelled((folder() / raw).parent / dyr)
-        refused = str(error).replace(f"{folder()}/", "")
-        return Row(f"{raw} with {dyr}", "", "refused", "accepted", 1.0, 0.5, refused if not missing else f"{missing}")
-    return Row(f"{raw} with {dyr}", "", "accepted", "accepted", 0.0, 0.5, "")
+        reason = " ".join(str(error).replace(f"{folder()}/", "").split("\n"))
+        return Row(what, "-", "refused", "accepted", 1.0, 0.5, reason)
+    inexact = [row.name for row in of_pair.records if row.replaced or row.left_out]
+    cause = f"replaced or left out: {', '.join(inexact)}" if inexact else ""
+    return Row(what, "-", "accepted", "accepted", 0.0, 0.5, cause)

@@ -41,6 +41,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "time-domain": time_domain.andes,
     "disturbances-minniwecc": minniwecc.disturbances,
     "psse": psse.traces,
+    "psse-steps": psse.traces_in_steps,
     "psse-files": psse.accepted,
     "step": time_domain.steps,
 }

@@ -2,8 +2,9 @@
 
     python tests/data/make_psse_traces.py FOLDER    # test/benchmarks/psse of its repository
 
-Of each trace the columns that `cases.yaml` names, every tenth sample and all of those around the event. PSS/E counts its
-time in single precision: it is rounded to steps. Of two samples at the switching time the second is kept.
+Of each trace the columns that `cases.yaml` names, every tenth sample and all of those around the event. PSS/E counts
+its time in single precision: it is rounded to steps. Of two samples at the switching time the second is kept, which is
+after the event; a single one is before it, and left out.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from facts_damping_validation.psse import Case, cases, folder
 EVERY, BEFORE, AFTER = 10, 5, 40  # samples; the last two: around the event
 
 
-def samples(path: Path) -> np.ndarray:
-    """The rows of a trace without its head, the last of those at the same time."""
+def samples(path: Path, at: float) -> np.ndarray:
+    """The rows of a trace without its head; of the switching time `at` (s) the second one, none if there is one."""
     rows = []
     for row in csv.reader(path.read_text(encoding="utf-8").splitlines()):
         try:
@@ -30,7 +31,9 @@ def samples(path: Path) -> np.ndarray:
     table = np.array([row for row in rows if len(row) == max(map(len, rows))])
     rate = round(1.0 / float(np.median(np.diff(table[:, 0]))))
     table[:, 0] = np.round(table[:, 0] * rate) / rate
-    return table[np.append(np.diff(table[:, 0]) > 1e-6, True) & (table[:, 0] > -1e-6)]
+    switching = np.flatnonzero(np.abs(table[:, 0] - at) < 1e-6)
+    assert len(switching) in (1, 2)
+    return np.delete(table, [switching[0], *np.flatnonzero(table[:, 0] < -1e-6)], axis=0)
 
 
 def thinned(case: Case, table: np.ndarray) -> list[list[str]]:
@@ -47,7 +50,7 @@ def main(source: Path) -> None:
     for case in cases():
         path = source / case.folder / case.trace
         with (folder() / case.folder / case.trace).open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows(thinned(case, samples(path)))
+            csv.writer(file, lineterminator="\n").writerows(thinned(case, samples(path, case.at)))
 
 
 if __name__ == "__main__":

@@ -35,7 +35,8 @@ def loaded(folder: Path, dynamics: dict[str, Any] | None = None, case: Path = CA
         dynamics_path = folder / "dynamics.yaml"
         dynamics_path.write_text(dump(dynamics), encoding="utf-8")
     case_imported = import_case(case, dynamics_path)
-    text, notes = document(case_imported, case.name), case_imported.notes
+    text = document(case_imported.content, case_imported.typical, case.name)
+    notes = case_imported.notes
     path = folder / "imported.yaml"
     path.write_text(text, encoding="utf-8")
     return load_system(str(path)), notes, text

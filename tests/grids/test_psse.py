@@ -214,15 +214,15 @@ def test_psse_record_without_a_model_is_named_with_its_substitute(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     dyr = DYR.read_text().replace("'IEEEG1' 1  0 0 20 0.1", "'IEEEG1' 1  0 0 20 0.001")
-    more = "2 'IEEEVC' 1 0.01 0.05 /\n7 'USRMDL' 1 5 /\n3 'USRMDL' 1 1 2 /\n9 'GENROU' 1 1 2 /\nsomething else /\n"
+    more = "2 'MAXEX2' 1 0.01 0.05 /\n7 'USRMDL' 1 5 /\n3 'USRMDL' 1 1 2 /\n9 'GENROU' 1 1 2 /\nsomething else /\n"
     more += "2 'DC4B' 1 0.01 200 50 50 0.01 10 -10 1 0.02 /\n"  # ours has another order
     imported(
         tmp_path, raw_with(("^0 / END OF TWO", "1,2,3\n0 / END OF TWO")), dyr.replace("3 'GENROU'", "3 'GENXYZ'") + more
     )
     errors = capsys.readouterr().err
     for said in (
-        "case.raw: 1 two-terminal dc records are left out",
-        "line 11: IEEEVC: of G2: is not modelled: left out",
+        "case.raw: a two-terminal dc record is left out",
+        "line 11: MAXEX2: of G2: is not modelled: left out",
         "line 12: USRMDL: no machine 1 at bus 7 in the case: left out",
         "line 13: USRMDL: of G3: is no machine model that is known: left out",
         "line 15: something else ... is no record of a machine: left out",
@@ -273,7 +273,7 @@ def test_limit_that_does_not_admit_the_start_is_widened_and_said(
     system = imported(tmp_path, RAW.read_text(), DYR.read_text().replace("0.05 0.49 2 0", "0.05 0.49 0.5 0"))
     errors = capsys.readouterr().err
     assert (
-        "governors: G2: TGOV1: valve is 0.849 p.u. at the start; allowed by its limits: 0 to 0.5; VMAX: 0.5 is"
+        "case.dyr: line 9: TGOV1: of G2: valve is 0.849 p.u. at the start; allowed by its limits: 0 to 0.5; VMAX: 0.5"
         in errors
     )
     (governor,) = [g for g in system.governors if g.machine == "G2"]
@@ -406,4 +406,4 @@ def test_imported_case_is_checked_as_a_system_is(tmp_path: Path) -> None:
     """And its notes come with it."""
     case_imported: Any = import_case(RAW, DYR)
     assert case_imported.typical == []
-    assert case_imported.notes == []
+    assert all("power flow" in note for note in case_imported.notes)

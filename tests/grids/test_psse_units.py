@@ -79,10 +79,19 @@ def test_inertia_below_zero_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
     assert "case.dyr: line 2: GENCLS: H = -1 given; allowed: above 0, or 0 for an infinite source" in message
 
 
-def test_case_of_sources_alone_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "case.dyr").write_text("101 'GENCLS' 1 0 0 /\n102 'GENCLS' 1 0 0 /\n")
+def test_case_without_machines_has_a_power_flow_and_no_modes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A source and an inverter; without a source nothing would hold the voltage."""
+    system = imported(tmp_path, THREE_BUSES.read_text(), "101 'GENCLS' 1 0 0 /\n102 'REGCA1' 1 0 0.02 /\n")
+    assert system.machines == []
+    assert voltages(system)["B102"] == pytest.approx(1.02 * np.exp(-1j * np.radians(0.944)), abs=1e-5)
+    assert linearise(build(system, [], []))[0].shape == (0, 0)
+    assert main(["modes", str(tmp_path / "case.yaml")]) == 0
+    (tmp_path / "case.dyr").write_text("101 'REGCA1' 1 0 0 /\n")
     message = one_line([str(THREE_BUSES), str(tmp_path / "case.dyr")], capsys)
-    assert "generator: none that swings given, 2 in service; allowed: at least one machine" in message
+    said = "2 given that become constant currents; allowed: at least one machine or infinite source among them"
+    assert f"generator: {said}" in message
 
 
 # Constant currents
@@ -136,7 +145,8 @@ def test_generator_without_a_record_is_a_constant_current(tmp_path: Path, capsys
     assert said in capsys.readouterr().err
     assert [machine.name for machine in system.machines] == ["G1", "G2"]
     system = imported(tmp_path, RAW.read_text())
-    assert "no dynamic data for all machines: typical data" in capsys.readouterr().err
+    said = "no dynamic data: typical data of synchronous machines (Kundur, table 4.2) (3 machines: G1, G2, G3)"
+    assert said in capsys.readouterr().err
     assert [machine.name for machine in system.machines] == ["G1", "G2", "G3"]
 
 
@@ -160,3 +170,111 @@ def test_step_up_of_a_record_leaves_the_bus_as_it_is(tmp_path: Path) -> None:
     assert after.by_bus["G2_terminal"] == pytest.approx(V, abs=1e-9)
     assert after.generation["G2"] == pytest.approx(V * np.conj(current), abs=1e-9)
     assert np.linalg.eigvals(linearise(build(system, [], []))[0]).real.max() < 1e-6
+
+
+# Conventions of records
+
+
+def generator(name: str, **values: object) -> tuple[str, str]:
+    """A change of a generator's record: of its fields by their places."""
+    places = {"ID": 1, "QG": 3, "QT": 4, "QB": 5, "VS": 6, "IREG": 7, "MBASE": 8, "ZX": 10, "STAT": 14}
+    line = next(line for line in RAW.read_text().splitlines() if re.match(rf"{name},'1 ',[\d.]+,0,300", line))
+    fields = line.split(",")
+    for field, value in values.items():
+        fields[places[field]] = str(value)
+    return f"^{re.escape(line)}$", ",".join(fields)
+
+
+@pytest.mark.parametrize(("base", "rating"), [("0", 100.0), ("", 100.0), ("-128", 128.0)])
+def test_base_of_a_machine_that_is_none(base: str, rating: float, tmp_path: Path) -> None:
+    """0 is the system base; of one below 0 the magnitude counts."""
+    system = imported(tmp_path, raw_with(generator("3", MBASE=base)), DYR.read_text())
+    assert {machine.name: machine.rating for machine in system.machines}["G3"] == rating
+
+
+def test_identifiers_have_quotes_blanks_and_any_letters(tmp_path: Path) -> None:
+    """A machine and its records are found by them, in capital letters."""
+    raw = raw_with(generator("2", ID="' a#'"), generator("3", ID='"W "'))
+    dyr = re.sub(r"^(2 '\w+' *) 1 ", r"\1 'A# ' ", DYR.read_text(), flags=re.MULTILINE)
+    system = imported(tmp_path, raw, re.sub(r"^(3 '\w+' *) 1 ", r"\1 w ", dyr, flags=re.MULTILINE))
+    assert [machine.name for machine in system.machines] == ["G1", "G2", "G3"]
+    assert [exciter.machine for exciter in system.exciters] == ["G1", "G2", "G3"]
+    again = raw_with(("^3,'1 ',85.*$", "3,'W ',40,0,99,-99,1.025,0,64,0,0.2/\n3,'W#',45,0,99,-99,1.025,0,64,0,0.2/"))
+    assert [m.name for m in imported(tmp_path, again).machines] == ["G1", "G2", "G3_W", "G3_Wx"]
+
+
+def test_generator_out_of_service_is_none(tmp_path: Path) -> None:
+    system = imported(tmp_path, raw_with(generator("3", STAT=0)), DYR.read_text())
+    assert [machine.name for machine in system.machines] == ["G1", "G2"]
+    assert [exciter.machine for exciter in system.exciters] == ["G1", "G2"]
+
+
+@pytest.mark.parametrize(
+    ("values", "V"),
+    [
+        ({}, 1.025),
+        ({"QG": 300}, 1.01),  # at its limit
+        ({"QG": -300}, 1.01),
+        ({"QG": 0, "QT": 0, "QB": 0}, 1.01),
+        ({"IREG": 8}, 1.01),  # of another bus
+        ({"IREG": 2}, 1.025),  # of its own
+    ],
+)
+def test_machine_that_does_not_hold_its_bus_starts_at_the_solved_voltage(
+    values: dict[str, object], V: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bus = ("^2,'BUS 2       ',18,2,1,1,1,1.0250", "2,'BUS 2       ',18,2,1,1,1,1.0100")
+    system = imported(tmp_path, raw_with(bus, generator("2", **values)), DYR.read_text())
+    assert {machine.name: machine.V for machine in system.machines}["G2"] == V
+    said = "G2 starts at the voltage of the bus table, 1.01 p.u., not at 1.025"
+    assert (said in capsys.readouterr().err) == (V == 1.01)
+
+
+def test_machines_at_a_bus_keep_the_reactive_power_of_the_file(tmp_path: Path) -> None:
+    """They start with it; what the solution has more is shared by ratings."""
+    rows = (("1", 81.5, 30, 64), ("2", 81.5, -10, 128))
+    two = "\n".join(f"2,'{mark}',{P},{Q},300,-300,1.025,0,{S},0,0.2,0,0,1,1" for mark, P, Q, S in rows)
+    system = imported(tmp_path, raw_with(("^2,'1 ',163.*$", two)))
+    Q = {name: 100.0 * power.imag for name, power in solve(system, []).generation.items()}
+    rest = Q["G2_1"] + Q["G2_2"] - 20.0
+    assert abs(rest) > 1.0
+    assert Q["G2_1"] == pytest.approx(30.0 + rest / 3.0)
+    assert Q["G2_2"] == pytest.approx(-10.0 + 2.0 * rest / 3.0)
+
+
+def test_classical_machine_has_its_damping_and_no_exciter(tmp_path: Path) -> None:
+    """Its field is constant: an exciter's record has no effect in PSS/E either."""
+    dyr = "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not line.startswith("3 'GENROU'"))
+    system = imported(tmp_path, RAW.read_text(), dyr + "3 'GENCLS' 1 2.35 1.5 /\n")
+    (machine,) = [machine for machine in system.machines if machine.name == "G3"]
+    assert (machine.model, machine.H, machine.D, machine.Xd1) == ("classical", 2.35, 1.5, 0.2)
+    assert [exciter.machine for exciter in system.exciters] == ["G1", "G2"]
+
+
+def test_load_compensation_goes_to_the_exciter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of either record, wherever it stands; without an exciter it has none to act on."""
+    dyr = "3 'COMP' 1 0.04 /\n1 'IEEEVC' 1 0.01 0.05 /\n2 'COMP' 1 0.04 /\n"
+    dyr += "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not line.startswith("2 'EXST1'"))
+    system = imported(tmp_path, RAW.read_text(), dyr)
+    parts = {exciter.machine: (exciter.RC, exciter.XC) for exciter in system.exciters}  # type: ignore[attr-defined]
+    assert parts == {"G1": (0.01, 0.05), "G3": (0.0, -0.04)}
+    assert "line 3: COMP: of G2: has no exciter to act on: left out" in capsys.readouterr().err
+
+
+def test_reactance_of_the_source_that_is_not_that_of_the_machine_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported(tmp_path, raw_with(*(generator(n, ZX=0.25) for n in "12"), generator("3", ZX=0.3)), DYR.read_text())
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "ZX" in line]
+    assert line == "facts-damping: case.dyr: line 4: GENROU: of G3: ZX of the RAW file is not X''d: X''d counts"
+
+
+def test_distance_to_the_voltages_of_the_file_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of three buses that PSS/E has solved, and of one that is moved."""
+    dyr = f"101 'GENCLS' 1 0 0 /\n102 'GENROU' 1 {ROUND} /\n"
+    imported(tmp_path, THREE_BUSES.read_text(), dyr)
+    (apart,) = re.findall(r"power flow: within (\S+) p\.u\. of the file's voltages", capsys.readouterr().err)
+    assert float(apart) < 1e-5
+    imported(tmp_path, THREE_BUSES.read_text().replace("0.99341,  -8.7697", "0.98341,  -8.7697"), dyr)
+    said = "within 0.01 p.u. of the file's voltages; at bus 103 0.99341 p.u., -8.770 deg, in the file 0.98341 p.u."
+    assert said in capsys.readouterr().err

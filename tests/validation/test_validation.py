@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.cli.main import main
-from facts_damping_validation import report
+from facts_damping_validation import psse, report
 from facts_damping_validation.table import Row, ValidationTable, as_csv, compare, furthest, summary, within
 from tests.commands import assert_one_line
 
@@ -38,7 +39,8 @@ def test_validation_rows_pass_and_the_page_in_docs_is_up_to_date(
     assert main(["validate", "--out", str(page), "--json", str(figures)]) == 0, capsys.readouterr().err
     tables = json.loads(figures.read_text())
     assert len(tables) == len(report.TABLES)
-    assert all(row["passed"] for table in tables for row in table["rows"])
+    assert all(table["passed"] for table in tables)
+    assert all(row["passed"] or row["cause"] for table in tables for row in table["rows"])
     assert all(table["rows"] for table in tables)
     assert fixed(page) == fixed(PAGE)
 
@@ -56,9 +58,32 @@ def test_row_that_fails_is_named_and_ends_with_1(
     table = ValidationTable("Planets", "a book", "", rows)
     assert summary([table])[-1] == "| Planets | a book | **1 of 2** | mass of the earth | 3.0e-02 kg | 1.0e-02 |"
     assert as_csv([table]).splitlines()[1:] == [
-        "Planets,a book,,mass of the earth,kg,6.0000,5.9700,3.0e-02,1.0e-02,fail",
-        "Planets,a book,,a curve,m,,,3.0e-01,5.0e-01,pass",
+        "Planets,a book,,mass of the earth,kg,6.0000,5.9700,3.0e-02,1.0e-02,,fail",
+        "Planets,a book,,a curve,m,,,3.0e-01,5.0e-01,,pass",
     ]
+
+
+def test_row_without_a_model_is_open_and_tells_why(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nothing = Row("a ring", "", "", "", math.nan, math.nan, "not modelled: RING1")
+    rows = [nothing, compare("mass of the earth", "kg", 6.0, 5.97, 0.05)._replace(cause="measured in 1798")]
+    monkeypatch.setitem(report.TABLES, "equilibrium", lambda: ValidationTable("Planets", "a book", "", rows))
+    assert main(["validate", "equilibrium"]) == 0
+    out = capsys.readouterr().out
+    assert "open  a ring             not modelled: RING1" in out
+    assert "(measured in 1798)" in out
+    assert "1 rows pass, 1 are open" in out
+    table = ValidationTable("Planets", "a book", "", rows)
+    assert summary([table])[-1].startswith("| Planets | a book | 1 of 2, 1 open | mass of the earth |")
+    assert as_csv([table]).splitlines()[1] == "Planets,a book,,a ring,,,,nan,nan,not modelled: RING1,open"
+
+
+def test_every_trace_and_every_pair_of_psse_is_in_the_index() -> None:
+    compared = {(psse.folder() / case.folder / case.trace).resolve() for case in psse.cases()}
+    assert compared == set(psse.folder().glob("*/*.csv"))
+    imported = {path.resolve() for pair in psse.pairs() for path in pair}
+    assert imported == {path for kind in ("raw", "dyr") for path in psse.folder().glob(f"*/*.{kind}")}
 
 
 def test_unknown_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

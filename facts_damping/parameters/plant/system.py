@@ -41,7 +41,7 @@ class System(ParameterModel):
     loads: list[Load] = Field([], description="loads that depend on voltage and frequency")
     shunts: list[Shunt] = Field([], description="capacitors and reactors")
     infinite_buses: list[InfiniteBus] = Field([], description="buses of constant voltage")
-    machines: list[Machine] = Field(..., min_length=1, description="synchronous machines, at least one")
+    machines: list[Machine] = Field([], description="synchronous machines; none only beside an infinite bus")
     exciters: list[Exciter] = Field([], description="excitation systems, at most one per machine")
     stabilisers: list[Stabiliser] = Field([], description="power system stabilisers, at most one per machine")
     governors: list[Governor] = Field([], description="turbines with governors, at most one per machine")
@@ -170,6 +170,8 @@ def _check_machines(system: System) -> None:
         _known(f"exciters.{i}.machine", exciter.machine, wound)
     if len({m.area is None for m in system.machines}) > 1:
         raise ValueError("machines.*.area: given for some machines; allowed: for all, or for none")
+    if not machines and not system.infinite_buses:
+        raise ValueError("machines: none given; allowed: at least one, or an infinite bus")
     slack = [m.name for m in system.machines if m.slack]
     if len(slack) != (0 if system.infinite_buses else 1):
         problem = f"{len(slack)} slack machines given ({', '.join(slack)})"

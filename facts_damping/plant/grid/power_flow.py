@@ -265,7 +265,7 @@ def _newton(
     """Newton iterations in polar form from (magnitudes, angles); returns voltages and the largest final mismatch."""
     magnitude, angle = start
     voltage = polar(magnitude, angle)
-    residual = float("inf")
+    residual = before = float("inf")
     enough = TOLERANCE / (1000 if len(angle) <= DENSE else 10)  # round-off grows with the number of buses
     for _ in range(MAX_ITERATIONS):
         current = _currents(matrix, voltage)
@@ -273,8 +273,10 @@ def _newton(
         mismatch = times(voltage, np.conj(current)) + drawn - scheduled
         equations = np.concatenate([mismatch.real[free_angle], mismatch.imag[free_magnitude]])
         residual = float(np.max(np.abs(equations), initial=0.0))
-        if residual < enough or not np.isfinite(residual) or np.abs(magnitude).max(initial=0.0) > FARTHEST:
+        over_with = residual < enough or not np.isfinite(residual) or np.abs(magnitude).max(initial=0.0) > FARTHEST
+        if over_with or before / 2 < residual < TOLERANCE:  # the latter: round-off
             break
+        before = residual
         jacobian = _jacobian(matrix, voltage, current, drawn_by_magnitude, free_angle, free_magnitude)
         try:
             change = solve_network(jacobian, -equations)

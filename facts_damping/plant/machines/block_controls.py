@@ -270,8 +270,7 @@ def at_rest(
         x, dx = np.ascontiguousarray(z[:n]), np.zeros(n)
         if reference is not None:
             s[kernel.SENSED.index(reference)] = z[n]
-        kernel.outputs(free, 0, len(free), at, x, s)
-        kernel.derivatives(free, 0, len(free), x, s, dx)
+        kernel.moved(free, at, x, s, dx)
         return np.append(dx, s[at + output] - gives) if reference is not None and gives is not None else dx
 
     for scale in STARTS:

@@ -7,17 +7,14 @@ feedthrough uses only signals computed before (`block_controls` makes them).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import Array, Float1
 from facts_damping.elementary import exp, magnitude
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from facts_damping.compiling.structs import Float1
 
 # Input signals of blocks from a machine, p.u. of the rating; the blocks' own signals follow.
 SENSED = ("one", "none", "Vt", "omega", "Pe", "Pa", "Vref", "Pref", "Vs", "Ifd", "Vd", "Vq", "Id", "Iq", "Vc")
@@ -240,3 +237,10 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
             if (above and slope > 0.0) or (below and slope < 0.0):
                 slope = 0.0
         dx[b.state] = slope
+
+
+@entry_point
+def moved(blocks: Annotated[NDArray[Any], Array(BLOCK, 1)], at: int, x: Float1, s: Float1, dx: Float1) -> None:
+    """Write signals and derivatives of a control alone, for the states `x`: `outputs`, `derivatives`."""
+    outputs(blocks, 0, len(blocks), at, x, s)
+    derivatives(blocks, 0, len(blocks), x, s, dx)

@@ -1,0 +1,142 @@
+"""The report of an import: what became of each record of a PSS/E case, as a table, as an error, and what is wrong."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+from facts_damping.case.loading import load_system
+from facts_damping.cli.main import main
+from facts_damping_grids.psse_conversion import import_case
+from tests.grids.test_psse import DYR, RAW, raw_with
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from facts_damping_grids.report import Records
+
+DC = ("^0 / END OF VSC", "1,2,3\n0 / END OF VSC")
+MORE = """\
+2 'MAXEX2' 1 0.01 0.05 /
+7 'USRMDL' 1 5 /
+3 'USRMDL' 1 1 2 /
+4 'GENROU' 1 8.0 0.03 0.4 0.05 9.55 0 1.8 1.7 0.3 0.55 0.25 0.2 0 0 /
+"""
+OFF = "4,'1 ',0,0,0,0,1,0,100,0,0.2,0,0,1,0,100,300,10,1,1"  # a generator out of service
+
+
+@pytest.fixture
+def case(tmp_path: Path) -> tuple[Path, Path]:
+    """A case with records that are exact, replaced, left out and idle."""
+    raw, dyr = tmp_path / "case.raw", tmp_path / "case.dyr"
+    raw.write_text(raw_with(DC, ("^0 / END OF GENERATOR", f"{OFF}\n0 / END OF GENERATOR")))
+    dyr.write_text(DYR.read_text().replace("3 'GENROU'", "3 'REGCA1'").replace("0 0 20 0.1", "0 0 20 0.001") + MORE)
+    return raw, dyr
+
+
+def numbers(row: Records) -> tuple[int, int, int, int, int]:
+    return row.read, row.exact, row.replaced, row.left_out, row.idle
+
+
+def test_each_record_is_exact_or_replaced_or_left_out_or_idle(case: tuple[Path, Path]) -> None:
+    rows = {row.name: row for row in import_case(*case).records}
+    assert {name: numbers(row) for name, row in rows.items() if numbers(row) != (row.read, row.read, 0, 0, 0)} == {
+        "VSC dc": (1, 0, 0, 1, 0),
+        "generator": (4, 3, 0, 0, 1),
+        "GENROU": (3, 2, 0, 0, 1),
+        "REGCA1": (1, 0, 1, 0, 0),
+        "SEXS": (1, 0, 0, 1, 0),
+        "IEEEG1": (1, 0, 1, 0, 0),
+        "MAXEX2": (1, 0, 0, 1, 0),
+        "USRMDL": (2, 0, 0, 2, 0),
+    }
+    assert rows["branch"].exact == 6
+    assert rows["SEXS"].effects == ("its field voltage stays: voltages sag further and swings are damped otherwise",)
+
+
+def test_report_is_shown_and_stands_at_the_head_of_the_file(
+    case: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Beside a file on standard output; with the system there, on standard error."""
+    assert main(["import", *map(str, case), "--out", str(tmp_path / "case.yaml")]) == 0
+    shown = capsys.readouterr()
+    assert re.search(r"^USRMDL +2 +0 +0 +2 +0$", shown.out, re.MULTILINE)
+    text = (tmp_path / "case.yaml").read_text()
+    table = [*shown.out.splitlines(), *(line.removeprefix("facts-damping: ") for line in shown.err.splitlines())]
+    assert [line.removeprefix("# ") for line in text.splitlines()[1 : 1 + len(table)]] == table
+    assert main(["import", *map(str, case)]) == 0
+    again = capsys.readouterr()
+    assert again.out == text
+    assert again.err == shown.out + shown.err
+    assert len(load_system(str(tmp_path / "case.yaml")).machines) == 2
+
+
+def test_strict_refuses_all_that_is_replaced_or_left_out(
+    case: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "case.yaml"
+    assert main(["import", *map(str, case), "--strict", "--out", str(out)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert not out.exists()
+    assert lines[-1] == f"facts-damping: --strict: {len(lines) - 1} replaced or left out given; allowed: none"
+    assert [re.findall(r"case\.\w+: (?:line (\d+)|(a VSC))", line)[0] for line in lines[:-1]] == [
+        *[("", "a VSC"), ("12", ""), ("8", ""), ("11", ""), ("4", ""), ("7", ""), ("13", "")],
+    ]
+    assert main(["import", str(RAW), str(DYR), "--strict", "--out", str(out)]) == 0
+
+
+def test_strict_does_not_take_typical_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", str(RAW), "--strict"]) == 2
+    assert "line 19: generator: no dynamic data: typical data of synchronous machines" in capsys.readouterr().err
+
+
+def test_all_problems_of_records_are_told_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each with file and line, of the network, of machines and of controls."""
+    raw, dyr = tmp_path / "case.raw", tmp_path / "case.dyr"
+    raw.write_text(raw_with(("^4,5,'1 ',0.01,0.085,", "4,5,'1 ',0.01,0,")))
+    text = DYR.read_text().replace("9.55 0 1.8", "-9.55 0 1.8").replace("2 'EXST1' 1 ", "2 'EXST1' 1 / 0.01 ")
+    dyr.write_text(text.replace("0.4 5.0 20 0.1 -10 10", "0.4 5.0 20 nought -10 10") + "2 'GENROU' 1 1 2 3 /\n")
+    assert main(["import", str(raw), str(dyr)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [re.sub(r".*/case", "case", line).partition(" given")[0] for line in lines] == [
+        "case.raw: line 23: branch: X = 0 with R = 0.01",
+        "case.dyr: line 11: GENROU: a second model of machine 1 at bus 2",
+        "case.dyr: line 2: GENROU: H = -9.55",
+        "case.dyr: line 6: EXST1: 0 constants",
+        "case.dyr: line 7: SEXS: value 4: 'nought'",
+    ]
+
+
+def test_constants_that_no_equation_can_be_made_of_are_told_with_their_lines(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Beside those that are only unusual."""
+    (tmp_path / "case.dyr").write_text(
+        DYR.read_text().replace("1  8.0 0.03", "1  8.0 0").replace("1  5.9 0.03", "1  -5.9 0.03")
+    )
+    assert main(["import", str(RAW), str(tmp_path / "case.dyr")]) == 2
+    lines = [re.sub(r".*/case", "case", line) for line in capsys.readouterr().err.splitlines()]
+    assert [line.partition(" given")[0] for line in lines] == [
+        "case.dyr: line 2: GENROU: of G1: Td02: 0.0",
+        "case.dyr: line 4: GENROU: of G3: Td01: -5.9",
+    ]
+
+
+def test_unusual_constants_are_told_and_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    dyr = tmp_path / "case.dyr"
+    dyr.write_text(re.sub(r"1  [68].0 0.03", "1  999 999", DYR.read_text()))
+    out = tmp_path / "case.yaml"
+    assert main(["import", str(RAW), str(dyr), "--out", str(out)]) == 0
+    said = "case.dyr: GENROU: Td02 is unusual; usual: at most 10 s (2 machines: G1, G2)"
+    assert f"facts-damping: {said}" in capsys.readouterr().err.splitlines()
+    system = load_system(str(out))
+    assert system.ranges == "physical"
+    assert {machine.Td02 for machine in system.machines} == {999.0, 0.03}
+
+
+def test_options_of_psse_are_refused_for_other_cases(capsys: pytest.CaptureFixture[str]) -> None:
+    for option in (["--strict"], ["--loads", "P: current"]):
+        assert main(["import", "tests/data/nine_bus.m", *option]) == 2
+        assert "given with nine_bus.m; allowed: with a RAW file" in capsys.readouterr().err
