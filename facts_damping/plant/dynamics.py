@@ -60,11 +60,12 @@ def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     if source.size == 0:
         respond(plant, interval, work)
         return
-    for p in range(source.size):
-        work.inputs[first + p] = 0.0
-    respond(plant, interval, work)
-    for p in range(source.size):
-        work.given[p] = row_times(plant, interval, machines + p, work.inputs, work)
+    if source.size == 1 or len(plant.sparse_networks) == 0:
+        for p in range(source.size):
+            work.inputs[first + p] = 0.0
+        respond(plant, interval, work)
+        for p in range(source.size):
+            work.given[p] = row_times(plant, interval, machines + p, work.inputs, work)
     solve_ports(plant, x, reference, source, interval, work)
     set_sources(plant, source, work)
     respond(plant, interval, work)

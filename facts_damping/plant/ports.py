@@ -21,6 +21,7 @@ from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.network_response import own_response, respond, row_times, set_sources
 
 TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
+LARGE_TOLERANCE = 1e-10  # the same of a large grid, far below the error of a step
 MAX_ITERATIONS = 40
 SMALLEST_FRACTION = 1e-3  # smallest fraction of a Newton step
 MANY = 4  # ports, from which on it pays to solve port by port
@@ -178,6 +179,7 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     is expected to fall once more as it fell before.
     """
     before, large = math.inf, len(plant.sparse_networks) > 0
+    tolerance = LARGE_TOLERANCE if large else TOLERANCE
     for _ in range(MAX_ITERATIONS):
         solved, total = True, 0.0
         set_sources(plant, source, work)
@@ -187,10 +189,10 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
             rest = law(plant, x, reference, interval, p, work) - source[p]
             square = rest.real * rest.real + rest.imag * rest.imag
             size = source[p].real * source[p].real + source[p].imag * source[p].imag
-            solved = solved and square <= TOLERANCE * TOLERANCE * (1.0 + size)
+            solved = solved and square <= tolerance * tolerance * (1.0 + size)
             total += square
             source[p] += _own_step(own_response(plant, interval, p), work.slope[p], rest)
-        if solved or (large and before < math.inf and total * total <= TOLERANCE * TOLERANCE * before):
+        if solved or (large and before < math.inf and total * total <= tolerance * tolerance * before):
             return True
         if not total < 0.25 * before:
             return False

@@ -273,8 +273,9 @@ def _newton(
         mismatch = times(voltage, np.conj(current)) + drawn - scheduled
         equations = np.concatenate([mismatch.real[free_angle], mismatch.imag[free_magnitude]])
         residual = float(np.max(np.abs(equations), initial=0.0))
-        over_with = residual < enough or not np.isfinite(residual) or np.abs(magnitude).max(initial=0.0) > FARTHEST
-        if over_with or before / 2 < residual < TOLERANCE:  # the latter: round-off
+        round_off = len(angle) > DENSE and before / 2 < residual < TOLERANCE
+        lost = not np.isfinite(residual) or np.abs(magnitude).max(initial=0.0) > FARTHEST
+        if residual < enough or round_off or lost:
             break
         before = residual
         jacobian = _jacobian(matrix, voltage, current, drawn_by_magnitude, free_angle, free_magnitude)
