@@ -136,6 +136,20 @@ def test_unusual_constants_are_told_and_taken(tmp_path: Path, capsys: pytest.Cap
     assert {machine.Td02 for machine in system.machines} == {999.0, 0.03}
 
 
+def test_gate_that_does_not_admit_the_start_is_widened_like_other_limits(tmp_path: Path) -> None:
+    (tmp_path / "case.dyr").write_text(
+        DYR.read_text().replace(
+            "2 'TGOV1' 1   0.05 0.49 2 0 2.1 7.0 0.1 /", "2 'HYGOV' 1 0.04 0.4 5 0.05 0.5 0.2 0.5 0 1 1.2 0 0.1 /"
+        )
+    )
+    case = import_case(RAW, tmp_path / "case.dyr")
+    (text,) = [text for text in case.inexact if "HYGOV" in text]
+    gate = 163 / 192 / 1.2 + 0.1  # P / (rating At) + q_nl
+    said = f"gate is {gate:.4g} p.u. at the start; allowed by its limits: 0.001 to 0.5"
+    assert text == f"case.dyr: line 9: HYGOV: of G2: {said}; gate_max: 0.5 is set to {1.1 * gate:.4g}"
+    assert {row.name: row.replaced for row in case.records}["HYGOV"] == 1
+
+
 def test_options_of_psse_are_refused_for_other_cases(capsys: pytest.CaptureFixture[str]) -> None:
     for option in (["--strict"], ["--loads", "P: current"]):
         assert main(["import", "tests/data/nine_bus.m", *option]) == 2
