@@ -109,6 +109,27 @@ def test_all_problems_of_records_are_told_at_once(tmp_path: Path, capsys: pytest
     ]
 
 
+def test_problems_of_generators_are_told_beside_those_of_machines(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    raw, dyr = tmp_path / "case.raw", tmp_path / "case.dyr"
+    raw.write_text(raw_with(("^3,'1 ',85,0,300,-300,1.025", "3,'1 ',85,0,300,-300,0")))
+    dyr.write_text(DYR.read_text().replace("9.55 0 1.8", "-9.55 0 1.8"))
+    assert main(["import", str(raw), str(dyr)]) == 2
+    lines = [re.sub(r".*/case", "case", line) for line in capsys.readouterr().err.splitlines()]
+    assert [line.partition(" given")[0] for line in lines] == [
+        "case.raw: line 21: generator: G3: V: 0.0",
+        "case.dyr: line 2: GENROU: H = -9.55",
+    ]
+    raw.write_text(raw_with(("^3,'1 ',85.*$", "2,'1 ',85/"), ("^1,'BUS 1       ',16.5,3", "1,'BUS 1       ',16.5,2")))
+    assert main(["import", str(raw)]) == 2
+    lines = [re.sub(r".*/case", "case", line) for line in capsys.readouterr().err.splitlines()]
+    assert [line.partition(" given")[0] for line in lines if "island" not in line] == [
+        "case.raw: line 21: generator: 1 stands twice at bus 2; allowed: each machine once",
+        "case.raw: generator: none at a bus of type 3",
+    ]
+
+
 def test_constants_that_no_equation_can_be_made_of_are_told_with_their_lines(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
