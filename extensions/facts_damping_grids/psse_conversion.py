@@ -147,8 +147,7 @@ def import_case(raw: Path, dyr: Path | None = None, load_model: LoadModel = netw
     try:
         content, dynamics, notes = convert(case, records, dyr_name, load_model=load_model, problems=problems)
     except InputError as error:
-        lines = problems_of(error)
-        raise ProblemsError([_with_path(text, raw, dyr) for text in lines], most=len(lines)) from error
+        raise ProblemsError([_with_path(text, raw, dyr) for text in problems_of(error)]) from error
     inexact = [note.alone for note in notes if isinstance(note, Note) and note.outcome in ("replaced", "left out")]
     named = [
         [text if dyr and text.startswith(f"{dyr_name}: ") else f"{raw.name}: {text}" for text in texts]

@@ -46,7 +46,7 @@ def network(case: RawCase, model: LoadModel, notes: list[str | Note], problems: 
     lines, at_ends = _lines(case, buses, notes, problems)
     rows, stars, magnetising = transformers(case, buses, notes, problems)
     joined = [(row["from"], row["to"]) for row in (*lines, *rows)]
-    out = _left_out(case, buses, stars, joined, notes, problems)
+    out = set[str]() if problems else _left_out(case, buses, stars, joined, notes, problems)
     buses = {n: row for n, row in buses.items() if f"B{n}" not in out}
     return Network(
         buses,
@@ -66,10 +66,14 @@ def bus_of(record: Row, buses: Mapping[int, Row]) -> int | None:
 def holds_voltage(generator: Row, bus: Row) -> bool:
     """Whether a generator holds VS at its bus; else that has the voltage VM of the solved case.
 
-    It does not at a bus of type 1, as regulator of another bus, and at a limit of its reactive power.
+    It does not at a bus of type 1, as regulator of another bus, and where its reactive power is at a limit that keeps
+    the voltage below or above VS.
     """
     elsewhere = generator["IREG"] not in (0.0, generator["I"])
-    limited = not generator["QB"] + LIMIT < generator["QG"] < generator["QT"] - LIMIT
+    beyond = bus["VM"] - generator["VS"]
+    limited = (beyond < 0.0 and generator["QG"] > generator["QT"] - LIMIT) or (
+        beyond > 0.0 and generator["QG"] < generator["QB"] + LIMIT
+    )
     return bus["IDE"] != PQ and not elsewhere and (bus["IDE"] == REFERENCE or not limited)
 
 

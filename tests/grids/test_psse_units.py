@@ -213,8 +213,8 @@ def test_generator_out_of_service_is_none(tmp_path: Path) -> None:
     ("values", "V"),
     [
         ({}, 1.025),
-        ({"QG": 300}, 1.01),  # at its limit
-        ({"QG": -300}, 1.01),
+        ({"QG": 300}, 1.01),  # at the limit that keeps the voltage there
+        ({"QG": -300}, 1.025),
         ({"QG": 0, "QT": 0, "QB": 0}, 1.01),
         ({"IREG": 8}, 1.01),  # of another bus
         ({"IREG": 2}, 1.025),  # of its own
