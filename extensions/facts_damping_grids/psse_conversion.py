@@ -59,6 +59,7 @@ def convert(
     problems = problems or Problems()
     notes: list[str | Note] = _sections_left_out(case)
     grid = network.network(case, load_model, notes, problems.lines)
+    case = network.one_voltage(case, notes)
     units = psse_units.units(case, grid.buses, notes, problems)
     voltages = psse_units.held(units, grid.buses, notes)
     without_units, at_buses = _without_units(case, grid), dict[str, Any]()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from facts_damping_grids.psse_reading import RawCase
 
-__all__ = ["IMPEDANCE", "LoadModel", "Network", "bus_of", "free_name", "load_model", "network"]
+__all__ = ["IMPEDANCE", "LoadModel", "Network", "bus_of", "free_name", "load_model", "network", "one_voltage"]
 
 LIMIT = 1e-3  # Mvar, closeness to a limit of reactive power, to which a RAW file rounds it
 
@@ -105,6 +105,36 @@ def _check_buses(case: RawCase, problems: list[str]) -> None:
 # Lines and shunts
 
 
+def _joins(record: Row, case: RawCase) -> bool:
+    """Whether a branch or a switch is a zero-impedance line: its buses are one."""
+    return bool(record.get("R", 0.0) == 0.0 and abs(record["X"]) <= case.threshold)
+
+
+def one_voltage(case: RawCase, notes: list[str | Note]) -> RawCase:
+    """A case in which generators at buses that zero-impedance lines make one hold one voltage.
+
+    It is that of a bus of type 3 among them, else of the first one.
+    """
+    records = [row for section in ("branch", "switching device") for row in case.tables[section] if row["ST"] == 1]
+    joined = [(f"{abs(row['I']):g}", f"{abs(row['J']):g}") for row in records if _joins(row, case)]
+    ends = dict.fromkeys(bus for pair in joined for bus in pair)
+    number = {float(bus): i for i, island in enumerate(_islands(ends, joined)) for bus in island}
+    buses = {row["I"]: row for row in case.tables["bus"]}
+    generators = list(case.tables["generator"])
+    holding = [i for i, row in enumerate(generators) if row["I"] in number.keys() & buses and row["STAT"] == 1]
+    holding = [i for i in holding if holds_voltage(generators[i], buses[generators[i]["I"]])]
+    first: dict[int, Row] = {}
+    for i in sorted(holding, key=lambda i: bool(buses[generators[i]["I"]]["IDE"] != REFERENCE)):
+        row = generators[i]
+        leading = first.setdefault(number[row["I"]], row)
+        if leading["VS"] != row["VS"]:
+            alone = f"bus {row['I']:g} has the voltage of bus {leading['I']:g}, to which it is joined without impedance"
+            common = "have the voltage of a bus to which they are joined without impedance"
+            notes.append(Note(alone, common, "buses", f"{row['I']:g}"))
+            generators[i] = row | {"VS": leading["VS"]}
+    return case._replace(tables=case.tables | {"generator": generators})
+
+
 def _lines(
     case: RawCase, buses: Mapping[int, Row], notes: list[str | Note], problems: list[str]
 ) -> tuple[list[Row], list[Row]]:
@@ -118,7 +148,7 @@ def _lines(
             a, b, r, x = abs(int(record["I"])), abs(int(record["J"])), record.get("R", 0.0), record["X"]
             if record["ST"] != 1 or a not in buses or b not in buses:
                 continue
-            joins = r == 0.0 and abs(x) <= case.threshold
+            joins = _joins(record, case)
             if a == b or (x == 0.0 and not joins):
                 what = f"bus {a} at both ends" if a == b else f"X = 0 with R = {r:g}"
                 allowed = "two buses, X other than 0, or R and X of 0 for a zero-impedance line"

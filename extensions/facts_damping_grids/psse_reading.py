@@ -113,7 +113,7 @@ def read_raw(path: Path, problems: list[str] | None = None) -> RawCase:
     Raises `ProblemsError`, and `InputError` for a file without version, buses or generators.
     """
     unreadable = list[str]() if problems is None else problems
-    lines = [(i, line) for i, line in enumerate(read_lines(path, "RAW"), 1) if not line.startswith("@!")]
+    lines = [(i, line) for i, line in enumerate(read_lines(path, "RAW"), 1) if not line.lstrip().startswith("@!")]
     head = _head(lines, str(path))
     tables: dict[str, list[Row]] = {section: [] for section in (*COLUMNS, *MULTIPLE)}
     unread: dict[str, int] = {}

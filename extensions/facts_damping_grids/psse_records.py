@@ -143,7 +143,7 @@ def number(text: str) -> float:
             value = float(re.sub(r"[dD]", "E", text.strip("'\" ")))
         except ValueError:
             return math.nan
-    return value if math.isfinite(value) else math.nan
+    return value if math.isfinite(value) and "_" not in text else math.nan  # which Python has between digits
 
 
 def row(names: str, line: str, where: str, problems: list[str]) -> Row:

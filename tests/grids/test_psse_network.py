@@ -51,6 +51,19 @@ def test_zero_impedance_line_joins_its_buses(X: str, tmp_path: Path, capsys: pyt
         assert np.abs(theirs - value).min() < 5e-5
 
 
+def test_generators_at_buses_that_are_one_hold_one_voltage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """That of the swing bus; 0.015 p.u. between them would drive 1500 p.u. through the line."""
+    bus = ("^0 / END OF BUS", "10,'NEW         ',16.5,2,1,1,1,1.025,0\n0 / END OF BUS")
+    line = ("^0 / END OF BRANCH", "10,1,'1 ',0,0,0,0,0,0,0,0,0,0,1\n0 / END OF BRANCH")
+    unit = ("^1,'1 ',71.64", "10,'1 ',30,0,300,-300,1.025,0,100,0,0.2,0,0,1,1\n1,'1 ',71.64")
+    (tmp_path / "a").mkdir()
+    plain, system = imported(tmp_path / "a", RAW.read_text()), imported(tmp_path, raw_with(bus, line, unit))
+    assert "bus 10 has the voltage of bus 1, to which it is joined without impedance" in capsys.readouterr().err
+    assert {m.name: m.V for m in system.machines if m.name in ("G1", "G10")} == {"G1": 1.04, "G10": 1.04}
+    for name, voltage in voltages(plain).items():
+        assert voltages(system)[name] == pytest.approx(voltage, abs=1e-5)
+
+
 def test_zero_arm_of_a_star_and_zero_transformer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of windings whose impedances add up, one arm is 0: the other two are those between their buses."""
     star = "4,5,6,'1 ',1,1,1,0,0,2,'T',1,1,1\n0.01,0.1,100,0.02,0.2,100,0.03,0.3,100,1,0\n1,0,0\n1,0,0\n1,0,0"
