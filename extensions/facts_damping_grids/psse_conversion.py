@@ -93,11 +93,11 @@ def _sections_left_out(case: RawCase) -> list[str | Note]:
     """Notes on records of sections that affect the grid and are not read."""
     return [
         Note(
-            *(f"a {section} record is left out", f"{section}: left out", "records", str(i)),
+            *(f"line {line}: {section}: is not modelled: left out", f"{section}: left out", "lines", str(line)),
             *(section, "left out", LEFT_OUT.get(section, DC)),
         )
         for section in ACTING
-        for i in range(case.unread.get(section, 0))
+        for line in case.unread.get(section, ())
     ]
 
 

@@ -134,7 +134,9 @@ def dc_lines(case: RawCase, buses: Mapping[int, Row], notes: list[str | Note], p
             rows.append({"name": f"dc_{record['line']}_{n}", "bus": f"B{n}", "P": P, "Q": Q} | _alike("power"))
         alone = f"line {record['line']}: the DC line from bus {ends[0][1]} to bus {ends[1][1]} is two constant loads"
         name = f"{ends[0][1]} to {ends[1][1]}"
-        notes.append(Note(f"{alone}, without its control", "two constant loads, without control", "DC lines", name))
+        common, effect = "two constant loads, without control", "its power stays, whatever voltages and frequency do"
+        section = "two-terminal dc"
+        notes.append(Note(f"{alone}, without its control", common, "DC lines", name, section, "replaced", effect))
     return rows
 
 

@@ -205,15 +205,24 @@ def _left_out(
     for island in islands:
         if island is largest:
             continue
-        names = some_of([bus[1:] for bus in island if bus[0] == "B"], 5)
+        numbers = [bus[1:] for bus in island if bus[0] == "B"]
         if island.keys() & swing or not island.keys() & fed:
-            why = "beside the largest one" if island.keys() & swing else "without a generator in service"
-            notes.append(f"an island {why} is left out: buses {names}")
+            notes += [_island_note(n, case, dead=not island.keys() & fed) for n in numbers]
             out |= island.keys()
         else:
-            problem = f"an island with generators and no bus of type 3 given ({names})"
+            problem = f"an island with generators and no bus of type 3 given ({some_of(numbers, 5)})"
             problems.append(f"{case.source}: bus: {problem}; allowed: such a bus in each island")
     return out
+
+
+def _island_note(bus: str, case: RawCase, *, dead: bool) -> Note:
+    """The note on a bus of an island that is left out: `dead` as in PSS/E, or a grid of its own."""
+    why = "of an island without a generator in service" if dead else "of an island beside the largest one"
+    line = next(record["line"] for record in case.tables["bus"] if int(record["I"]) == int(bus))
+    alone, common = f"line {line}: bus: {bus}: {why}: left out", f"{why}: left out"
+    if dead:
+        return Note(alone, common, "buses", bus)
+    return Note(alone, common, "buses", bus, "bus", "left out", "all that is in that island is missing")
 
 
 def _islands(names: Iterable[str], joined: Iterable[tuple[str, str]]) -> list[dict[str, None]]:

@@ -48,7 +48,7 @@ _RECORD = re.compile(_BEGINS.pattern + "[^/]*/")  # on one line
 
 
 class RawCase(NamedTuple):
-    """A case: its file, its base (MVA, Hz), rows by section, each with its `line`, and record counts of other sections.
+    """A case: its file, its base (MVA, Hz), rows by section, each with its `line`, and lines of others.
 
     `threshold`: largest reactance of a zero-impedance line, p.u.
     """
@@ -60,7 +60,7 @@ class RawCase(NamedTuple):
     frequency: float
     threshold: float
     tables: dict[str, list[Row]]
-    unread: dict[str, int]
+    unread: dict[str, list[int]]
 
     def where(self, section: str, record: Row) -> str:
         """File, line and section of a record."""
@@ -116,7 +116,7 @@ def read_raw(path: Path, problems: list[str] | None = None) -> RawCase:
     lines = [(i, line) for i, line in enumerate(read_lines(path, "RAW"), 1) if not line.lstrip().startswith("@!")]
     head = _head(lines, str(path))
     tables: dict[str, list[Row]] = {section: [] for section in (*COLUMNS, *MULTIPLE)}
-    unread: dict[str, int] = {}
+    unread: dict[str, list[int]] = {}
     threshold = THRESHOLD
     numbered: Iterator[tuple[int, str]] = _numbered(lines[3:])
     for section in SECTIONS[head.version]:
@@ -135,7 +135,7 @@ def read_raw(path: Path, problems: list[str] | None = None) -> RawCase:
                     break
                 threshold = _threshold(line, threshold)
             else:
-                unread[section] = unread.get(section, 0) + 1
+                unread.setdefault(section, []).append(i)
     if unreadable:
         tables = {name: [r for r in rows if not _nameless(r)] for name, rows in tables.items()}
     if problems is None and unreadable:
@@ -143,7 +143,7 @@ def read_raw(path: Path, problems: list[str] | None = None) -> RawCase:
     for section in ("bus", "generator"):
         if not tables[section] and not unreadable:
             raise InputError(f"{path}: no {section} record given; allowed: at least one")
-    unread = {section: math.ceil(count / LINES.get(section, 1)) for section, count in unread.items()}
+    unread = {section: lines_of[:: LINES.get(section, 1)] for section, lines_of in unread.items()}
     if head.version == 23:
         tables = modern(tables, head.base)
     return RawCase(path.stem, str(path), head.version, head.base, head.frequency, threshold, tables, unread)

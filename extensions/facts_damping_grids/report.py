@@ -70,7 +70,7 @@ def of_case(case: RawCase, dyr: Dyr | None, notes: Iterable[str | Note]) -> list
 def _read(case: RawCase, dyr: Dyr | None) -> dict[str, int]:
     """Numbers of records by section and model, as far as they may affect the grid."""
     read = {section: len(rows) for section, rows in case.tables.items()}
-    read |= {section: case.unread.get(section, 0) for section in ACTING}
+    read |= {section: len(case.unread.get(section, ())) for section in ACTING}
     for record in dyr.records if dyr else ():
         read[record.model] = read.get(record.model, 0) + 1
     read[OTHER] = len(dyr.unread) if dyr else 0

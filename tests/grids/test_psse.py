@@ -223,7 +223,7 @@ def test_psse_record_without_a_model_is_named_with_its_substitute(
     )
     errors = capsys.readouterr().err
     for said in (
-        "case.raw: a VSC dc record is left out",
+        "case.raw: line 45: VSC dc: is not modelled: left out",
         "line 11: MAXEX2: of G2: is not modelled: left out",
         "line 12: USRMDL: no machine 1 at bus 7 in the case: left out",
         "line 13: USRMDL: of G3: is no machine model that is known: left out",
