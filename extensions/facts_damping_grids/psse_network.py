@@ -119,9 +119,9 @@ def one_voltage(case: RawCase, notes: list[str | Note]) -> RawCase:
     joined = [(f"{abs(row['I']):g}", f"{abs(row['J']):g}") for row in records if _joins(row, case)]
     ends = dict.fromkeys(bus for pair in joined for bus in pair)
     number = {float(bus): i for i, island in enumerate(_islands(ends, joined)) for bus in island}
-    buses = {row["I"]: row for row in case.tables["bus"]}
+    buses = {row["I"]: row for row in case.tables["bus"] if row["I"] in number}
     generators = list(case.tables["generator"])
-    holding = [i for i, row in enumerate(generators) if row["I"] in number.keys() & buses and row["STAT"] == 1]
+    holding = [i for i, row in enumerate(generators) if row["I"] in buses and row["STAT"] == 1]
     holding = [i for i in holding if holds_voltage(generators[i], buses[generators[i]["I"]])]
     first: dict[int, Row] = {}
     for i in sorted(holding, key=lambda i: bool(buses[generators[i]["I"]]["IDE"] != REFERENCE)):
