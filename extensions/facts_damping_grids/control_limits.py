@@ -6,8 +6,6 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError
-from facts_damping.machine_controls.block_models import MODELS
-from facts_damping.machine_controls.blocks import TABLES
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import limit_violations
@@ -34,7 +32,7 @@ def widened(content: dict[str, Any], origins: Mapping[tuple[str, str], str]) -> 
             return wider_content, notes
         for violation in violations:
             c, field = violation.control, violation.field
-            table = TABLES[MODELS[c.model].role]
+            table = violation.table
             place = origins.get((table, c.machine), f"{table}: {c.machine}: {c.model}")
             limits = f"allowed by its limits: {violation.low:.4g} to {violation.high:.4g}"
             text = f"{place}: {violation.name} is {violation.value:.4g} p.u. at the start; {limits}"

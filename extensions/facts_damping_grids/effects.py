@@ -18,7 +18,7 @@ EFFECTS = {
 }
 # Models of the PSS/E library by what they are for; the first that matches counts.
 FAMILIES = {
-    "inverter": r"REG(C|FM)|REEC|REPC|WT[1-4]|WT(GT|DT|AR|PT|TQ)|PV[GDE]|GEWT|DER_?A|GFM",
+    "inverter": r"REG(C|FM)|REEC|REPC|WT[1-4]|WT(GT|DT|AR|PT|TQ)|PV[GDE]|GEWT|DER_?A|GFM|GD?FORM",
     "limiter": r"MAXEX|MINEX|MNLEX|UEL|OEL|SCL",
     "compensator": r"IEEEVC|(RE)?M?COMP|CCOMP",
     "stabiliser": r"PSS|STAB|IEEEST|ST2CUT|IVOST|OSTB|PTIST|STBSVC",

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.parameters.field_errors import FieldError, field_errors
 from facts_damping.parameters.plant.system import System
 from facts_damping_grids.notes import Note
-from facts_damping_grids.problems import Problems
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from facts_damping_grids.problems import Problems
+
     Origins = Mapping[tuple[str, str], str]  # file, line and model by table and machine
 
+OF_GENERATOR = ("rating", "P", "Q", "V", "angle", "Ra")  # fields of a machine from its record in the RAW file
 PHYSICAL = {"ranges": "physical"}
 LIMITS = {
     "greater than": "more than",
@@ -35,18 +37,15 @@ def checked(content: dict[str, Any], origins: Origins, problems: Problems) -> tu
         return content, []
     head = ("name", "description")
     physical = {key: content[key] for key in head} | PHYSICAL | content
-    impossible = field_errors(System, physical)
-    problems.add(*(_text(error, content, origins) for error in impossible))
-    refused = {error.field for error in impossible}
+    refused = check_possible(physical, origins, problems)
     return physical, [_note(error, content, origins) for error in unusual if error.field not in refused]
 
 
-def system_of(content: dict[str, Any]) -> System:
-    """The system of a content in physical ranges. Raises `ProblemsError` with all that is impossible."""
-    problems = Problems()
-    problems.add(*(_text(error, content, {}) for error in field_errors(System, content | PHYSICAL)))
-    problems.check()
-    return System.model_validate(content | PHYSICAL)
+def check_possible(content: Mapping[str, Any], origins: Origins, problems: Problems) -> set[str]:
+    """Add what no equation can be made of to `problems`; the fields. The ranges of the content are physical."""
+    impossible = field_errors(System, content)
+    problems.add(*(_text(error, content, origins) for error in impossible))
+    return {error.field for error in impossible}
 
 
 def _place(error: FieldError, content: Mapping[str, Any]) -> tuple[str, str, str]:
@@ -58,21 +57,22 @@ def _place(error: FieldError, content: Mapping[str, Any]) -> tuple[str, str, str
     return match[1], str(row.get("name", row.get("machine"))), match[3]
 
 
-def _where(table: str, name: str, origins: Origins) -> str:
+def _where(table: str, name: str, field: str, origins: Origins) -> str:
     """Where a row comes from: file, line and model, if they are known, else its table and name."""
+    table = "generator" if table == "machines" and field in OF_GENERATOR else table
     return origins.get((table, name), ": ".join(part for part in (table, name) if part))
 
 
 def _text(error: FieldError, content: Mapping[str, Any], origins: Origins) -> str:
     """An error with where its row comes from."""
     table, name, field = _place(error, content)
-    return ": ".join(part for part in (_where(table, name, origins), field, error.text) if part)
+    return ": ".join(part for part in (_where(table, name, field, origins), field, error.text) if part)
 
 
 def _note(error: FieldError, content: Mapping[str, Any], origins: Origins) -> Note:
     """A note on a value that is out of its usual range, or on values that are unusual beside each other."""
     table, name, field = _place(error, content)
-    where = _where(table, name, origins)
+    where = _where(table, name, field, origins)
     file, _, record = where.partition(": line ")
     source = f"{file}: {record.split(': ')[1]}" if record else table
     given, _, allowed = error.text.partition(" given; allowed: ")

@@ -8,12 +8,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError, ProblemsError
+from facts_damping.parameters.plant.system import System
+from facts_damping.plant.grid.power_flow import solve
 from facts_damping_grids import matpower_conversion, psse_dynamics, psse_units, report
 from facts_damping_grids import psse_network as network
 from facts_damping_grids.control_limits import widened
 from facts_damping_grids.notes import Note, told
 from facts_damping_grids.problems import Problems, problems_of
-from facts_damping_grids.psse_checking import checked
+from facts_damping_grids.psse_checking import check_possible, checked
 from facts_damping_grids.psse_placing import placed
 from facts_damping_grids.psse_reading import read_dyr, read_raw
 from facts_damping_grids.report import ACTING
@@ -57,42 +59,45 @@ def convert(
     problems = problems or Problems()
     notes: list[str | Note] = _sections_left_out(case)
     grid = network.network(case, load_model, notes, problems.lines)
-    units = psse_units.units(case, grid.buses, notes)
-    with problems.collected():
-        psse_units.slack_of(units, grid.buses)
+    case = network.one_voltage(case, notes)
+    units = psse_units.units(case, grid.buses, notes, problems)
+    voltages = psse_units.held(units, grid.buses, notes)
+    without_units, at_buses = _without_units(case, grid), dict[str, Any]()
+    origins = {("generator", unit.name): f"line {unit.row['line']}: generator: {unit.name}" for unit in units}
+    if not problems.lines:
+        at_buses = psse_units.at_buses(without_units, units, voltages, grid.buses)
+        check_possible(at_buses, origins, problems)
     if dyr is None:
         dynamics = psse_dynamics.without(units)
         notes += [_typical(unit) for unit in units]
     else:
         dynamics = psse_dynamics.read(case, units, dyr, dyr_name, notes, problems)
     problems.check()
-    content = _without_units(case, grid)
-    voltages = psse_units.held(units, grid.buses, notes)
-    terminals, solution = psse_units.solved(content, units, voltages, grid.buses)
-    rows = placed(units, dynamics, terminals, voltages, case, grid.buses)
+    flow = solve(System.model_validate(at_buses))
+    rows = placed(units, dynamics, psse_units.terminals(flow, units), voltages, case, grid.buses)
     content = matpower_conversion.filled(
         {
-            **content,
-            **{table: [*content.get(table, []), *more] for table, more in rows._asdict().items()},
+            **without_units,
+            **{table: [*without_units.get(table, []), *more] for table, more in rows._asdict().items()},
             **dynamics.controls,
             **matpower_conversion.measured([m["name"] for m in rows.machines], f"B{units[0].bus}"),
         }
     )
-    content, unusual = checked(content, dynamics.origins, problems)
+    content, unusual = checked(content, origins | dynamics.origins, problems)
     problems.check()
     content, wider = widened(content, dynamics.origins)
-    return Converted(content, dynamics, [*notes, *unusual, *wider, psse_units.mismatch(grid.buses, solution)])
+    return Converted(content, dynamics, [*notes, *unusual, *wider, psse_units.mismatch(grid.buses, flow.by_bus)])
 
 
 def _sections_left_out(case: RawCase) -> list[str | Note]:
     """Notes on records of sections that affect the grid and are not read."""
     return [
         Note(
-            *(f"a {section} record is left out", f"{section}: left out", "records", str(i)),
+            *(f"line {line}: {section}: is not modelled: left out", f"{section}: left out", "lines", str(line)),
             *(section, "left out", LEFT_OUT.get(section, DC)),
         )
         for section in ACTING
-        for i in range(case.unread.get(section, 0))
+        for line in case.unread.get(section, ())
     ]
 
 
@@ -143,8 +148,7 @@ def import_case(raw: Path, dyr: Path | None = None, load_model: LoadModel = netw
     try:
         content, dynamics, notes = convert(case, records, dyr_name, load_model=load_model, problems=problems)
     except InputError as error:
-        lines = problems_of(error)
-        raise ProblemsError([_with_path(text, raw, dyr) for text in lines], most=len(lines)) from error
+        raise ProblemsError([_with_path(text, raw, dyr) for text in problems_of(error)]) from error
     inexact = [note.alone for note in notes if isinstance(note, Note) and note.outcome in ("replaced", "left out")]
     named = [
         [text if dyr and text.startswith(f"{dyr_name}: ") else f"{raw.name}: {text}" for text in texts]

@@ -26,16 +26,6 @@ class LoadModel(NamedTuple):
     P: dict[str, float]
     Q: dict[str, float]
 
-    def __str__(self) -> str:
-        """As a user gives it."""
-        parts = (
-            " ".join(
-                part if fraction == 1.0 else f"{100.0 * fraction:g} {part}" for part, fraction in fractions.items()
-            )
-            for fractions in self
-        )
-        return "P: {}, Q: {}".format(*parts)
-
 
 IMPEDANCE = LoadModel({"impedance": 1.0}, {"impedance": 1.0})
 
@@ -59,7 +49,7 @@ def _fractions(text: str) -> dict[str, float] | None:
     """The fractions that a word, or percentages with words, give; None if they give none."""
     if text.lower() in KINDS:
         return {text.lower(): 1.0}
-    pairs = re.findall(r"(\d+(?:\.\d*)?)\s*%?\s+([A-Za-z]+)", text)
+    pairs = re.findall(r"(\d+(?:\.\d*)?)\s*%?\s*([A-Za-z]+)", text)
     fractions = {kind.lower(): float(percent) / 100.0 for percent, kind in pairs}
     said = re.sub(r"[\s%]", "", text)
     whole = "".join(percent + kind for percent, kind in pairs) == said and len(fractions) == len(pairs)
@@ -89,7 +79,9 @@ def loads(
         )
         rows += [{"name": stem + end, "bus": f"B{n}", "P": p, "Q": q} | more for end, p, q, more in parts if p or q]
     if any("at" not in row for row in rows):
-        notes.append(f"constant power of loads follows the voltage after the start as --loads says: {model}")
+        notes.append(
+            f"constant power of loads becomes P: {_words(model.P)}, Q: {_words(model.Q)}; --loads: something else"
+        )
     return rows + dc_lines(case, buses, notes, problems)
 
 
@@ -97,6 +89,11 @@ def _chosen(model: LoadModel) -> Row:
     """The fields of a load that a model sets; an impedance needs none."""
     both = {"P_fractions": model.P, "Q_fractions": model.Q}
     return {name: fractions for name, fractions in both.items() if fractions != IMPEDANCE.P}
+
+
+def _words(fractions: Mapping[str, float]) -> str:
+    """Fractions as a user gives them."""
+    return " ".join(kind if part == 1.0 else f"{100.0 * part:g} {kind}" for kind, part in fractions.items())
 
 
 def _alike(part: str) -> Row:
@@ -137,7 +134,9 @@ def dc_lines(case: RawCase, buses: Mapping[int, Row], notes: list[str | Note], p
             rows.append({"name": f"dc_{record['line']}_{n}", "bus": f"B{n}", "P": P, "Q": Q} | _alike("power"))
         alone = f"line {record['line']}: the DC line from bus {ends[0][1]} to bus {ends[1][1]} is two constant loads"
         name = f"{ends[0][1]} to {ends[1][1]}"
-        notes.append(Note(f"{alone}, without its control", "two constant loads, without control", "DC lines", name))
+        common, effect = "two constant loads, without control", "its power stays, whatever voltages and frequency do"
+        section = "two-terminal dc"
+        notes.append(Note(f"{alone}, without its control", common, "DC lines", name, section, "replaced", effect))
     return rows
 
 

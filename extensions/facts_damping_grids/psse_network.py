@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from facts_damping_grids.psse_reading import RawCase
 
-__all__ = ["IMPEDANCE", "LoadModel", "Network", "bus_of", "free_name", "load_model", "network"]
+__all__ = ["IMPEDANCE", "LoadModel", "Network", "bus_of", "free_name", "load_model", "network", "one_voltage"]
 
 LIMIT = 1e-3  # Mvar, closeness to a limit of reactive power, to which a RAW file rounds it
 
@@ -46,7 +46,7 @@ def network(case: RawCase, model: LoadModel, notes: list[str | Note], problems: 
     lines, at_ends = _lines(case, buses, notes, problems)
     rows, stars, magnetising = transformers(case, buses, notes, problems)
     joined = [(row["from"], row["to"]) for row in (*lines, *rows)]
-    out = _left_out(case, buses, stars, joined, notes, problems)
+    out = set[str]() if problems else _left_out(case, buses, stars, joined, notes, problems)
     buses = {n: row for n, row in buses.items() if f"B{n}" not in out}
     return Network(
         buses,
@@ -66,10 +66,14 @@ def bus_of(record: Row, buses: Mapping[int, Row]) -> int | None:
 def holds_voltage(generator: Row, bus: Row) -> bool:
     """Whether a generator holds VS at its bus; else that has the voltage VM of the solved case.
 
-    It does not at a bus of type 1, as regulator of another bus, and at a limit of its reactive power.
+    It does not at a bus of type 1, as regulator of another bus, and where its reactive power is at a limit that keeps
+    the voltage below or above VS.
     """
     elsewhere = generator["IREG"] not in (0.0, generator["I"])
-    limited = not generator["QB"] + LIMIT < generator["QG"] < generator["QT"] - LIMIT
+    beyond = bus["VM"] - generator["VS"]
+    limited = (beyond < 0.0 and generator["QG"] > generator["QT"] - LIMIT) or (
+        beyond > 0.0 and generator["QG"] < generator["QB"] + LIMIT
+    )
     return bus["IDE"] != PQ and not elsewhere and (bus["IDE"] == REFERENCE or not limited)
 
 
@@ -101,6 +105,36 @@ def _check_buses(case: RawCase, problems: list[str]) -> None:
 # Lines and shunts
 
 
+def _joins(record: Row, case: RawCase) -> bool:
+    """Whether a branch or a switch is a zero-impedance line: its buses are one."""
+    return bool(record.get("R", 0.0) == 0.0 and abs(record["X"]) <= case.threshold)
+
+
+def one_voltage(case: RawCase, notes: list[str | Note]) -> RawCase:
+    """A case in which generators at buses that zero-impedance lines make one hold one voltage.
+
+    It is that of a bus of type 3 among them, else of the first one.
+    """
+    records = [row for section in ("branch", "switching device") for row in case.tables[section] if row["ST"] == 1]
+    joined = [(f"{abs(row['I']):g}", f"{abs(row['J']):g}") for row in records if _joins(row, case)]
+    ends = dict.fromkeys(bus for pair in joined for bus in pair)
+    number = {float(bus): i for i, island in enumerate(_islands(ends, joined)) for bus in island}
+    buses = {row["I"]: row for row in case.tables["bus"] if row["I"] in number}
+    generators = list(case.tables["generator"])
+    holding = [i for i, row in enumerate(generators) if row["I"] in buses and row["STAT"] == 1]
+    holding = [i for i in holding if holds_voltage(generators[i], buses[generators[i]["I"]])]
+    first: dict[int, Row] = {}
+    for i in sorted(holding, key=lambda i: bool(buses[generators[i]["I"]]["IDE"] != REFERENCE)):
+        row = generators[i]
+        leading = first.setdefault(number[row["I"]], row)
+        if leading["VS"] != row["VS"]:
+            alone = f"bus {row['I']:g} has the voltage of bus {leading['I']:g}, to which it is joined without impedance"
+            common = "have the voltage of a bus to which they are joined without impedance"
+            notes.append(Note(alone, common, "buses", f"{row['I']:g}"))
+            generators[i] = row | {"VS": leading["VS"]}
+    return case._replace(tables=case.tables | {"generator": generators})
+
+
 def _lines(
     case: RawCase, buses: Mapping[int, Row], notes: list[str | Note], problems: list[str]
 ) -> tuple[list[Row], list[Row]]:
@@ -114,7 +148,7 @@ def _lines(
             a, b, r, x = abs(int(record["I"])), abs(int(record["J"])), record.get("R", 0.0), record["X"]
             if record["ST"] != 1 or a not in buses or b not in buses:
                 continue
-            joins = r == 0.0 and abs(x) <= case.threshold
+            joins = _joins(record, case)
             if a == b or (x == 0.0 and not joins):
                 what = f"bus {a} at both ends" if a == b else f"X = 0 with R = {r:g}"
                 allowed = "two buses, X other than 0, or R and X of 0 for a zero-impedance line"
@@ -171,15 +205,24 @@ def _left_out(
     for island in islands:
         if island is largest:
             continue
-        names = some_of([bus[1:] for bus in island if bus[0] == "B"], 5)
+        numbers = [bus[1:] for bus in island if bus[0] == "B"]
         if island.keys() & swing or not island.keys() & fed:
-            why = "beside the largest one" if island.keys() & swing else "without a generator in service"
-            notes.append(f"an island {why} is left out: buses {names}")
+            notes += [_island_note(n, case, dead=not island.keys() & fed) for n in numbers]
             out |= island.keys()
         else:
-            problem = f"an island with generators and no bus of type 3 given ({names})"
+            problem = f"an island with generators and no bus of type 3 given ({some_of(numbers, 5)})"
             problems.append(f"{case.source}: bus: {problem}; allowed: such a bus in each island")
     return out
+
+
+def _island_note(bus: str, case: RawCase, *, dead: bool) -> Note:
+    """The note on a bus of an island that is left out: `dead` as in PSS/E, or a grid of its own."""
+    why = "of an island without a generator in service" if dead else "of an island beside the largest one"
+    line = next(record["line"] for record in case.tables["bus"] if int(record["I"]) == int(bus))
+    alone, common = f"line {line}: bus: {bus}: {why}: left out", f"{why}: left out"
+    if dead:
+        return Note(alone, common, "buses", bus)
+    return Note(alone, common, "buses", bus, "bus", "left out", "all that is in that island is missing")
 
 
 def _islands(names: Iterable[str], joined: Iterable[tuple[str, str]]) -> list[dict[str, None]]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import re
+from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.errors import InputError, ProblemsError
@@ -42,12 +43,12 @@ THRESHOLD = 1e-4  # p.u., reactance up to which a branch without resistance is a
 MULTIPLE = {"transformer": TRANSFORMER, "two-terminal dc": DC_LINE}  # sections whose records have several lines
 # The version in a comment, as programs write it: `PSS/E-33.2`, `PSS(R)E 33 RAW`, `PSS(R)E 15-23 RAW`.
 _WRITTEN_BY = re.compile(r"PSS\W{0,5}(?:R\W{0,3})?E\W{0,3}(?:15-)?(\d\d)\b")
-_BEGINS = re.compile(r"\s*\d+[\s,]+'\s*[A-Za-z]\w*\s*'")  # a record of a DYR file
+_BEGINS = re.compile(r"""\s*\d+[\s,]+(['"])\s*[A-Za-z]\w*\s*\1""")  # a record of a DYR file
 _RECORD = re.compile(_BEGINS.pattern + "[^/]*/")  # on one line
 
 
 class RawCase(NamedTuple):
-    """A case: its file, its base (MVA, Hz), rows by section, each with its `line`, and record counts of other sections.
+    """A case: its file, its base (MVA, Hz), rows by section, each with its `line`, and lines of others.
 
     `threshold`: largest reactance of a zero-impedance line, p.u.
     """
@@ -59,7 +60,7 @@ class RawCase(NamedTuple):
     frequency: float
     threshold: float
     tables: dict[str, list[Row]]
-    unread: dict[str, int]
+    unread: dict[str, list[int]]
 
     def where(self, section: str, record: Row) -> str:
         """File, line and section of a record."""
@@ -112,29 +113,29 @@ def read_raw(path: Path, problems: list[str] | None = None) -> RawCase:
     Raises `ProblemsError`, and `InputError` for a file without version, buses or generators.
     """
     unreadable = list[str]() if problems is None else problems
-    lines = [(i, line) for i, line in enumerate(read_lines(path, "RAW"), 1) if not line.startswith("@!")]
+    lines = [(i, line) for i, line in enumerate(read_lines(path, "RAW"), 1) if not line.lstrip().startswith("@!")]
     head = _head(lines, str(path))
     tables: dict[str, list[Row]] = {section: [] for section in (*COLUMNS, *MULTIPLE)}
-    unread: dict[str, int] = {}
+    unread: dict[str, list[int]] = {}
     threshold = THRESHOLD
-    numbered = _Numbered(lines[3:])
+    numbered: Iterator[tuple[int, str]] = _numbered(lines[3:])
     for section in SECTIONS[head.version]:
         for i, line in numbered:
             at = f"{path}: line {i}: {section}"
             if _ends(line):
                 break
             if section in MULTIPLE:
-                record = _record(MULTIPLE[section], numbered.again(i, line), at, unreadable)
+                record = _record(MULTIPLE[section], chain([(i, line)], numbered), at, unreadable)
                 tables[section].append(record | {"line": i})
             elif section in COLUMNS:
                 tables[section].append(row(columns_of(section, head.version), line, at, unreadable) | {"line": i})
             elif section == "system-wide":
                 if line.lstrip()[0].isdigit():  # there is no such section
-                    numbered.again(i, line)
+                    numbered = chain([(i, line)], numbered)
                     break
                 threshold = _threshold(line, threshold)
             else:
-                unread[section] = unread.get(section, 0) + 1
+                unread.setdefault(section, []).append(i)
     if unreadable:
         tables = {name: [r for r in rows if not _nameless(r)] for name, rows in tables.items()}
     if problems is None and unreadable:
@@ -142,9 +143,10 @@ def read_raw(path: Path, problems: list[str] | None = None) -> RawCase:
     for section in ("bus", "generator"):
         if not tables[section] and not unreadable:
             raise InputError(f"{path}: no {section} record given; allowed: at least one")
-    unread = {section: math.ceil(count / LINES.get(section, 1)) for section, count in unread.items()}
-    case = RawCase(path.stem, str(path), head.version, head.base, head.frequency, threshold, tables, unread)
-    return modern(case)
+    unread = {section: lines_of[:: LINES.get(section, 1)] for section, lines_of in unread.items()}
+    if head.version == 23:
+        tables = modern(tables, head.base)
+    return RawCase(path.stem, str(path), head.version, head.base, head.frequency, threshold, tables, unread)
 
 
 def _head(lines: list[tuple[int, str]], path: str) -> _Head:
@@ -162,9 +164,8 @@ def _head(lines: list[tuple[int, str]], path: str) -> _Head:
     if version == 0 and len(lines) > 3 and _is_old(lines[3][1]):
         version = 23
     if version not in VERSIONS:
-        given = "none" if version == 0 else str(version)
-        allowed = ", ".join(map(str, VERSIONS))
-        raise InputError(f"{path}: line {at}: REV, the version: {given} given; allowed: {allowed}")
+        said, allowed = version or "none", ", ".join(map(str, VERSIONS))
+        raise InputError(f"{path}: line {at}: REV, the version: {said} given; allowed: {allowed}")
     base, frequency = fields["SBASE"], fields["BASFRQ"] or 60.0
     if not base > 0.0 or not 10.0 <= frequency <= 400.0:
         said = f"SBASE {base:g}, BASFRQ {frequency:g} given; allowed: above 0, and 10 to 400 Hz"
@@ -174,38 +175,18 @@ def _head(lines: list[tuple[int, str]], path: str) -> _Head:
 
 def _is_old(line: str) -> bool:
     """Whether the record of a bus is of version 23: its name is the tenth value, not the second one."""
-    try:
-        fields = values(line)
-    except ValueError:
-        return False
+    fields = values(line, "", [])
     return len(fields) > 9 and isinstance(fields[9], Quoted) and not isinstance(fields[1], Quoted)
 
 
-class _Numbered:
+def _numbered(lines: list[tuple[int, str]]) -> Iterator[tuple[int, str]]:
     """Lines with their numbers, without comments and empty ones; the end of the file ends all sections."""
-
-    def __init__(self, lines: list[tuple[int, str]]) -> None:
-        self._lines = iter(lines)
-        self._again: list[tuple[int, str]] = []
-
-    def __iter__(self) -> Iterator[tuple[int, str]]:
-        return self
-
-    def __next__(self) -> tuple[int, str]:
-        if self._again:
-            return self._again.pop()
-        for i, line in self._lines:
-            text = line.strip()
-            if text in ("Q", "q"):
-                self._lines = iter(())
-            elif text and text[0] != "/":
-                return i, line
-        raise StopIteration
-
-    def again(self, i: int, line: str) -> _Numbered:
-        """Have a line come once more."""
-        self._again.append((i, line))
-        return self
+    for i, line in lines:
+        text = line.strip()
+        if text in ("Q", "q"):
+            return
+        if text and text[0] != "/":
+            yield i, line
 
 
 def _ends(line: str) -> bool:
@@ -220,7 +201,7 @@ def _threshold(line: str, before: float) -> float:
     return before if math.isnan(value) else value
 
 
-def _record(templates: tuple[str, ...], numbered: _Numbered, where: str, problems: list[str]) -> Row:
+def _record(templates: tuple[str, ...], numbered: Iterator[tuple[int, str]], where: str, problems: list[str]) -> Row:
     """The lines of a record as one row; that of a transformer of two windings has a line less."""
     record: Row = {}
     for i, columns in enumerate(templates):
@@ -243,34 +224,33 @@ def _nameless(record: Row) -> bool:
 
 
 def read_dyr(path: Path, problems: list[str] | None = None) -> Dyr:
-    """The records of a DYR file.
+    """The records of a DYR file; a record without `/` ends where the next one begins on a line.
 
-    Records that are not ended are added to `problems`; without it they are an error, a `ProblemsError`.
+    A last record that does not end is added to `problems`; without it that is an error, a `ProblemsError`.
     """
-    unreadable = list[str]() if problems is None else problems
-    records, unread = list[Dynamic](), list[tuple[int, str]]()
-    words, begins = list[str](), 0
-    lines = read_lines(path, "DYR")
-    for i, line in enumerate([*lines, ""], 1):
-        if words and (i > len(lines) or _BEGINS.match(line)):
-            start = f"{path}: line {begins}: {short(' '.join(words[:3]))}"
-            unreadable.append(f"{start}: not ended; allowed: a record that `/` ends")
-            words = []
+    ended, words, begins = list[tuple[int, list[str]]](), list[str](), 0
+    for i, line in enumerate(read_lines(path, "DYR"), 1):
         rest = "" if line.lstrip().startswith(("//", "@!")) else line
+        if words and _BEGINS.match(rest):
+            ended.append((begins, words))
+            words = []
         while rest:
-            text, ended, rest = _cut(rest)
+            text, ends, rest = _cut(rest)
             begins = begins if words else i
             words += re.findall(r"'[^']*'|\"[^\"]*\"|[^\s,]+", text)
-            if ended and words:
-                record = _dynamic(words, begins)
-                if record is None:
-                    unread.append((begins, " ".join(words[:3])))
-                else:
-                    records.append(record)
+            if ends and words:
+                ended.append((begins, words))
                 words = []
-    if problems is None and unreadable:
-        raise ProblemsError(unreadable)
-    return Dyr(records, unread)
+    if words:
+        problem = f"{path}: line {begins}: {short(' '.join(words[:3]))}: not ended; allowed: a record that `/` ends"
+        if problems is None:
+            raise ProblemsError([problem])
+        problems.append(problem)
+    read = [(line, record, _dynamic(record, line)) for line, record in ended]
+    return Dyr(
+        [dynamic for _, _, dynamic in read if dynamic is not None],
+        [(line, " ".join(record[:3])) for line, record, dynamic in read if dynamic is None],
+    )
 
 
 def _cut(line: str) -> tuple[str, bool, str]:

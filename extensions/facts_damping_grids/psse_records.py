@@ -114,8 +114,8 @@ def columns_of(section: str, version: int) -> str:
     return COLUMNS[section][max(v for v in COLUMNS[section] if v <= version)]
 
 
-def values(line: str) -> list[str]:
-    """The values of a line. Raises `ValueError` for text without a closing quote."""
+def values(line: str, where: str, problems: list[str]) -> list[str]:
+    """The values of a line; text without a closing quote is a problem, and ends them."""
     fields, empty = list[str](), True  # so far, and whether a comma now stands for an empty value
     for part in _PART.findall(line):
         if part == ",":
@@ -125,12 +125,11 @@ def values(line: str) -> list[str]:
             continue
         if part == "/":
             break
-        if part[0] in "'\"":
-            if len(part) == 1:
-                raise ValueError(f"{short(line[line.rfind(part) :])} given; allowed: text with a closing quote")
-            fields.append(Quoted(part[1:-1].replace("''", "'").strip()))
-        else:
-            fields.append(part)
+        if part in ("'", '"'):
+            problems.append(f"{where}: {short(line[line.rfind(part) :])} given; allowed: text with a closing quote")
+            break
+        quoted = part[0] in "'\""
+        fields.append(Quoted(part[1:-1].replace("''", "'").strip()) if quoted else part)
         empty = False
     return fields
 
@@ -144,17 +143,12 @@ def number(text: str) -> float:
             value = float(re.sub(r"[dD]", "E", text.strip("'\" ")))
         except ValueError:
             return math.nan
-    return value if math.isfinite(value) else math.nan
+    return value if math.isfinite(value) and "_" not in text else math.nan  # which Python has between digits
 
 
 def row(names: str, line: str, where: str, problems: list[str]) -> Row:
     """The values of a line by columns; what cannot be read is a problem, and not a number here."""
-    try:
-        fields = values(line)
-    except ValueError as error:
-        problems.append(f"{where}: {error}")
-        return {column.name: math.nan if column.default is None else column.default for column in columns(names)}
-    read: Row = {}
+    fields, read = values(line, where, problems), Row()
     for i, (name, is_text, is_bus, default) in enumerate(columns(names)):
         text = fields[i] if i < len(fields) else ""
         if is_text:

@@ -138,5 +138,6 @@ def _magnetising(record: Row, bus: Row, name: str, case: RawCase, notes: list[st
         nominal = (bus["BASKV"] / record["NOMV1"]) ** 2 if bus["BASKV"] and record["NOMV1"] else 1.0
         G, B = (nominal * part / case.base_power for part in (G, -math.sqrt(max(0.0, current * current - G * G))))
     alone = f"line {record['line']}: the magnetising branch of {name} is a shunt, which stays when it opens"
-    notes.append(Note(alone, "magnetising branches are shunts, which stay when it opens", "transformers", name))
+    common, effect = "magnetising branches are shunts, which stay when it opens", "its magnetising branch stays"
+    notes.append(Note(alone, common, "transformers", name, "transformer", "replaced", f"{effect} when it opens"))
     return [shunt(f"magnetising_{name}", int(bus["I"]), G, B, case)]

@@ -8,16 +8,16 @@ import re
 from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.errors import InputError
-from facts_damping.plant.grid.power_flow import solve
 from facts_damping_grids import matpower_conversion
 from facts_damping_grids import psse_network as network
 from facts_damping_grids.notes import Note
-from facts_damping_grids.psse_checking import system_of
+from facts_damping_grids.psse_checking import PHYSICAL
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from facts_damping.plant.grid.power_flow import PowerFlow
+    from facts_damping_grids.problems import Problems
     from facts_damping_grids.psse_reading import RawCase
     from facts_damping_grids.psse_records import Row
 
@@ -50,15 +50,19 @@ class Terminal(NamedTuple):
         return math.degrees(cmath.phase(self.voltage))
 
 
-def units(case: RawCase, buses: Mapping[int, Row], notes: list[str | Note]) -> list[Unit]:
-    """Generators in service, on their MBASE; where that is 0 on the system base, as in PSS/E."""
+def units(case: RawCase, buses: Mapping[int, Row], notes: list[str | Note], problems: Problems) -> list[Unit]:
+    """Generators in service, on their MBASE; where that is 0 on the system base, as in PSS/E.
+
+    Problems: none at a bus of type 3, and two with the same identifier at a bus.
+    """
     rows = [row for row in case.tables["generator"] if row["STAT"] == 1 and network.bus_of(row, buses)]
-    count, used = Counter(int(row["I"]) for row in rows), set[str]()
-    if not rows:
-        raise InputError("generator: none in service given; allowed: at least one")
+    count, used, places = Counter(int(row["I"]) for row in rows), set[str](), set[tuple[int, str]]()
     listed = []
     for row in rows:
-        n, mark = int(row["I"]), re.sub(r"[^A-Za-z0-9]", "", str(row["ID"]))
+        n, mark, place = int(row["I"]), re.sub(r"[^A-Za-z0-9]", "", str(row["ID"])), identifier(row["ID"])
+        if (n, place) in places:
+            problems.add(f"{case.where('generator', row)}: {place} stands twice at bus {n}; allowed: each machine once")
+        places.add((n, place))
         name = f"G{n}" if count[n] == 1 else f"G{n}_{mark}"
         while name in used:
             name += "x"
@@ -67,21 +71,16 @@ def units(case: RawCase, buses: Mapping[int, Row], notes: list[str | Note]) -> l
         if row["MBASE"] < 0.0:
             alone = f"line {row['line']}: generator: MBASE of {name} is {row['MBASE']:g}: taken as {rating:g} MVA"
             notes.append(Note(alone, "generator: MBASE below 0: its magnitude is taken", "generators", name))
-        listed.append(Unit(name, n, identifier(row["ID"]), row, rating))
+        listed.append(Unit(name, n, place, row, rating))
+    if not any(buses[unit.bus]["IDE"] == matpower_conversion.REFERENCE for unit in listed):
+        where = "at a bus of type 3" if listed else "in service"
+        problems.add(f"{case.source}: generator: none {where} given; allowed: at least one in service at such a bus")
     return listed
 
 
 def identifier(text: str) -> str:
     """The identifier of a machine as PSS/E has it: in capital letters, without blanks; none is 1."""
     return str(text).strip().upper() or "1"
-
-
-def slack_of(listed: Sequence[Unit], buses: Mapping[int, Row]) -> Unit:
-    """The largest unit at a bus of type 3. Raises `InputError` if there is none."""
-    at_reference = [unit for unit in listed if buses[unit.bus]["IDE"] == matpower_conversion.REFERENCE]
-    if not at_reference:
-        raise InputError("bus: no generator in service at a bus of type 3 given; allowed: at least one")
-    return max(at_reference, key=lambda unit: unit.rating)
 
 
 def held(listed: Sequence[Unit], buses: Mapping[int, Row], notes: list[str | Note]) -> dict[int, float]:
@@ -99,22 +98,27 @@ def held(listed: Sequence[Unit], buses: Mapping[int, Row], notes: list[str | Not
     return voltages
 
 
-def solved(
+def at_buses(
     grid: Mapping[str, Any], listed: Sequence[Unit], voltages: Mapping[int, float], buses: Mapping[int, Row]
-) -> tuple[dict[str, Terminal], dict[str, complex]]:
-    """The power flow with all units at their buses: voltage and power (p.u.) of each by its name; voltages of buses.
+) -> dict[str, Any]:
+    """The content of a system with all units as machines at their buses, for the power flow as PSS/E has it.
 
-    `grid`: the content of a system without units. Raises `InputError` if the power flow does not converge.
+    The largest unit at a bus of type 3 is the slack. `grid`: the content without units.
     """
-    slack, machines = slack_of(listed, buses), []
+    swing = [unit for unit in listed if buses[unit.bus]["IDE"] == matpower_conversion.REFERENCE]
+    slack, machines = max(swing, key=lambda unit: unit.rating), []
     for unit in listed:
         dispatch = {"slack": True, "angle": buses[unit.bus]["VA"]} if unit is slack else {"P": unit.row["PG"]}
         place = {"name": unit.name, "bus": f"B{unit.bus}", "rating": unit.rating, "V": voltages[unit.bus]}
         machines.append(place | dispatch | {"Q": unit.row["QG"]} | matpower_conversion.TYPICAL)
     pmus = [{"name": slack.name, "machine": slack.name}]
-    flow = solve(system_of(matpower_conversion.filled({**grid, "machines": machines, "pmus": pmus})))
-    at = flow.by_bus
-    return {unit.name: Terminal(at[f"B{unit.bus}"], flow.generation[unit.name]) for unit in listed}, at
+    return matpower_conversion.filled({**grid, **PHYSICAL, "machines": machines, "pmus": pmus})
+
+
+def terminals(flow: PowerFlow, listed: Sequence[Unit]) -> dict[str, Terminal]:
+    """Voltage and power of each unit in a power flow, by its name."""
+    voltage = flow.by_bus
+    return {unit.name: Terminal(voltage[f"B{unit.bus}"], flow.generation[unit.name]) for unit in listed}
 
 
 def mismatch(buses: Mapping[int, Row], solution: Mapping[str, complex]) -> str:

@@ -8,23 +8,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from facts_damping_grids.psse_reading import RawCase
     from facts_damping_grids.psse_records import Row
 
 
-def modern(case: RawCase) -> RawCase:
-    """A case with tables of loads, shunts and transformers; one of a later version as it is."""
-    if case.version != 23:
-        return case
-    tables = {name: list(rows) for name, rows in case.tables.items()}
+def modern(old: dict[str, list[Row]], base_power: float) -> dict[str, list[Row]]:
+    """Tables with those of loads, shunts and transformers; `base_power` in MVA."""
+    tables = {name: list(rows) for name, rows in old.items()}
     for bus in tables["bus"]:
         of_bus = {"I": bus["I"], "ID": "1", "STATUS": 1.0, "line": bus["line"]}
         tables["load"].append(of_bus | {"PL": bus["PL"], "QL": bus["QL"], "IP": 0.0, "IQ": 0.0, "YP": 0.0, "YQ": 0.0})
         tables["fixed shunt"].append(of_bus | {"GL": bus["GL"], "BL": bus["BL"]})
     tables["transformer"] = [_transformer(row) for row in tables["branch"] if row["RATIO"] or row["ANGLE"]]
-    tables["fixed shunt"] += [shunt for row in tables["transformer"] for shunt in _charging(row, case.base_power)]
+    tables["fixed shunt"] += [shunt for row in tables["transformer"] for shunt in _charging(row, base_power)]
     tables["branch"] = [row for row in tables["branch"] if not (row["RATIO"] or row["ANGLE"])]
-    return case._replace(tables=tables)
+    return tables
 
 
 def _transformer(branch: Row) -> Row:

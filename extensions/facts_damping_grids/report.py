@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 # Sections whose records affect the grid and are not read; the others do not affect it.
 ACTING = ("VSC dc", "multi-terminal dc", "FACTS device", "GNE device", "induction machine", "impedance correction")
+ISOLATED = 4.0  # type of a bus
 STATUS = {  # columns that say whether an element is in service
+    "bus": "IDE",
     "load": "STATUS",
     "fixed shunt": "STATUS",
     "generator": "STAT",
@@ -57,7 +59,8 @@ def of_case(case: RawCase, dyr: Dyr | None, notes: Iterable[str | Note]) -> list
     rows = []
     for name, read in _read(case, dyr).items():
         of_name = list(outcomes.get(name, {}).values())
-        out = [row for row in case.tables[name] if row.get(STATUS[name], 1.0) == 0.0] if name in STATUS else []
+        off = ISOLATED if name == "bus" else 0.0
+        out = [row for row in case.tables[name] if row.get(STATUS[name]) == off] if name in STATUS else []
         idle = of_name.count("idle") + len(out)
         numbers = read, of_name.count("replaced"), of_name.count("left out"), idle
         rows.append(Records(name, *numbers, tuple(effects.get(name, ()))))
@@ -67,7 +70,7 @@ def of_case(case: RawCase, dyr: Dyr | None, notes: Iterable[str | Note]) -> list
 def _read(case: RawCase, dyr: Dyr | None) -> dict[str, int]:
     """Numbers of records by section and model, as far as they may affect the grid."""
     read = {section: len(rows) for section, rows in case.tables.items()}
-    read |= {section: case.unread.get(section, 0) for section in ACTING}
+    read |= {section: len(case.unread.get(section, ())) for section in ACTING}
     for record in dyr.records if dyr else ():
         read[record.model] = read.get(record.model, 0) + 1
     read[OTHER] = len(dyr.unread) if dyr else 0

@@ -223,7 +223,9 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
             states.add(m.name, stabiliser.STATE_NAMES, [0.0] * len(stabiliser.STATE_NAMES))
         rotating.governors[g] = governor.row(governors.get(m.name), states.offset)
         if m.name in governors:
-            states.add(m.name, governor.STATE_NAMES, governor.start(governors[m.name], start.power))
+            turbine, beyond = governor.start(governors[m.name], start.power)
+            states.add(m.name, governor.STATE_NAMES, turbine)
+            rotating.violations.extend(beyond)
         seen = _sensed(v, current, start)
         for data in [tables[role, m.name] for role in blocks.ROLES if (role, m.name) in tables]:
             rotating.violations.extend(_add_blocks(rotating, g, data, seen, states))

@@ -81,8 +81,8 @@ def test_strict_refuses_all_that_is_replaced_or_left_out(
     lines = capsys.readouterr().err.splitlines()
     assert not out.exists()
     assert lines[-1] == f"facts-damping: --strict: {len(lines) - 1} replaced or left out given; allowed: none"
-    assert [re.findall(r"case\.\w+: (?:line (\d+)|(a VSC))", line)[0] for line in lines[:-1]] == [
-        *[("", "a VSC"), ("12", ""), ("8", ""), ("11", ""), ("4", ""), ("7", ""), ("13", "")],
+    assert [re.findall(r"case\.\w+: line (\d+)", line)[0] for line in lines[:-1]] == [
+        *("46", "12", "8", "11", "4", "7", "13"),
     ]
     assert main(["import", str(RAW), str(DYR), "--strict", "--out", str(out)]) == 0
 
@@ -106,6 +106,27 @@ def test_all_problems_of_records_are_told_at_once(tmp_path: Path, capsys: pytest
         "case.dyr: line 2: GENROU: H = -9.55",
         "case.dyr: line 6: EXST1: 0 constants",
         "case.dyr: line 7: SEXS: value 4: 'nought'",
+    ]
+
+
+def test_problems_of_generators_are_told_beside_those_of_machines(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    raw, dyr = tmp_path / "case.raw", tmp_path / "case.dyr"
+    raw.write_text(raw_with(("^3,'1 ',85,0,300,-300,1.025", "3,'1 ',85,0,300,-300,0")))
+    dyr.write_text(DYR.read_text().replace("9.55 0 1.8", "-9.55 0 1.8"))
+    assert main(["import", str(raw), str(dyr)]) == 2
+    lines = [re.sub(r".*/case", "case", line) for line in capsys.readouterr().err.splitlines()]
+    assert [line.partition(" given")[0] for line in lines] == [
+        "case.raw: line 21: generator: G3: V: 0.0",
+        "case.dyr: line 2: GENROU: H = -9.55",
+    ]
+    raw.write_text(raw_with(("^3,'1 ',85.*$", "2,'1 ',85/"), ("^1,'BUS 1       ',16.5,3", "1,'BUS 1       ',16.5,2")))
+    assert main(["import", str(raw)]) == 2
+    lines = [re.sub(r".*/case", "case", line) for line in capsys.readouterr().err.splitlines()]
+    assert [line.partition(" given")[0] for line in lines if "island" not in line] == [
+        "case.raw: line 21: generator: 1 stands twice at bus 2; allowed: each machine once",
+        "case.raw: generator: none at a bus of type 3",
     ]
 
 
@@ -134,6 +155,20 @@ def test_unusual_constants_are_told_and_taken(tmp_path: Path, capsys: pytest.Cap
     system = load_system(str(out))
     assert system.ranges == "physical"
     assert {machine.Td02 for machine in system.machines} == {999.0, 0.03}
+
+
+def test_gate_that_does_not_admit_the_start_is_widened_like_other_limits(tmp_path: Path) -> None:
+    (tmp_path / "case.dyr").write_text(
+        DYR.read_text().replace(
+            "2 'TGOV1' 1   0.05 0.49 2 0 2.1 7.0 0.1 /", "2 'HYGOV' 1 0.04 0.4 5 0.05 0.5 0.2 0.5 0 1 1.2 0 0.1 /"
+        )
+    )
+    case = import_case(RAW, tmp_path / "case.dyr")
+    (text,) = [text for text in case.inexact if "HYGOV" in text]
+    gate = 163 / 192 / 1.2 + 0.1  # P / (rating At) + q_nl
+    said = f"gate is {gate:.4g} p.u. at the start; allowed by its limits: 0.001 to 0.5"
+    assert text == f"case.dyr: line 9: HYGOV: of G2: {said}; gate_max: 0.5 is set to {1.1 * gate:.4g}"
+    assert {row.name: row.replaced for row in case.records}["HYGOV"] == 1
 
 
 def test_options_of_psse_are_refused_for_other_cases(capsys: pytest.CaptureFixture[str]) -> None:

@@ -213,8 +213,8 @@ def test_generator_out_of_service_is_none(tmp_path: Path) -> None:
     ("values", "V"),
     [
         ({}, 1.025),
-        ({"QG": 300}, 1.01),  # at its limit
-        ({"QG": -300}, 1.01),
+        ({"QG": 300}, 1.01),  # at the limit that keeps the voltage there
+        ({"QG": -300}, 1.025),
         ({"QG": 0, "QT": 0, "QB": 0}, 1.01),
         ({"IREG": 8}, 1.01),  # of another bus
         ({"IREG": 2}, 1.025),  # of its own
@@ -256,7 +256,8 @@ def test_load_compensation_goes_to_the_exciter(tmp_path: Path, capsys: pytest.Ca
     dyr = "3 'COMP' 1 0.04 /\n1 'IEEEVC' 1 0.01 0.05 /\n2 'COMP' 1 0.04 /\n"
     dyr += "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not line.startswith("2 'EXST1'"))
     system = imported(tmp_path, RAW.read_text(), dyr)
-    parts = {exciter.machine: (exciter.RC, exciter.XC) for exciter in system.exciters}  # type: ignore[attr-defined]
+    exciters = [exciter.model_dump() for exciter in system.exciters]
+    parts = {row["machine"]: (row["RC"], row["XC"]) for row in exciters}
     assert parts == {"G1": (0.01, 0.05), "G3": (0.0, -0.04)}
     assert "line 3: COMP: of G2: has no exciter to act on: left out" in capsys.readouterr().err
 

@@ -48,9 +48,7 @@ class Transformer(ParameterModel):
     to_bus: Name = Field(..., alias="to", description="second bus")
     rating: float = quantity(..., "MVA", "rated power, the base of its data", gt=0, le=1e5)
     r: float = quantity(0.0, "p.u.", "series resistance of both windings", ge=-1, le=1)
-    x: Reactance = quantity(
-        ..., "p.u.", "series reactance of both windings; below 0: of a star that stands for three", ge=-10, le=10
-    )
+    x: Reactance = quantity(..., "p.u.", "series reactance; below 0: in a star", ge=-10, le=10)
     tap: float = quantity(1.0, "p.u.", "off-nominal turns ratio at the first bus", gt=0.5, lt=2)
     phase_shift: float = quantity(0.0, "deg", "angle by which the first bus leads at no load", ge=-180, le=180)
     magnetising_r: float | None = quantity(None, "p.u.", "iron-loss resistance; none: not modelled", gt=0, le=1e6)

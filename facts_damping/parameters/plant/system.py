@@ -31,9 +31,7 @@ class System(ParameterModel):
     line_model: Literal["pi", "distributed"] = Field(
         "pi", description="model of lines; `distributed`: with the correction for long lines"
     )
-    ranges: Literal["usual", "physical"] = Field(
-        "usual", description="of numbers; `physical`: only limits that equations need, for data of other programs"
-    )
+    ranges: Literal["usual", "physical"] = Field("usual", description="`physical`: only what equations need")
     step: float = quantity(1 / 480, "s", "longest step of the integrator", ge=1e-5, le=0.02)
     buses: list[Bus] = Field(..., min_length=1, description="nodes of the network, at least one")
     lines: list[Line] = Field([], description="transmission lines")

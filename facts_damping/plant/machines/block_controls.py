@@ -11,7 +11,7 @@ import numpy as np
 from facts_damping.elementary import rect
 from facts_damping.errors import InputError
 from facts_damping.machine_controls.block_models import INPUTS, MODELS
-from facts_damping.machine_controls.blocks import SHORTEST, Block
+from facts_damping.machine_controls.blocks import SHORTEST, TABLES, Block
 from facts_damping.numerics.matrices import least_squares
 from facts_damping.plant.machines import blocks as kernel
 
@@ -223,10 +223,14 @@ class LimitViolation(NamedTuple):
     field: str | None  # None: the limit is no parameter
     wanted: float  # p.u., valid value of the parameter
 
+    @property
+    def table(self) -> str:
+        """The table of the system with the control; of the models without blocks only HYGOV has such limits."""
+        return TABLES[MODELS[self.control.model].role] if self.control.model in MODELS else "governors"
+
     def __str__(self) -> str:
         """Text for an error message."""
-        c = self.control
-        where = f"{MODELS[c.model].role}s: {c.machine}: {c.model}: {self.name}"
+        where = f"{self.table}: {self.control.machine}: {self.control.model}: {self.name}"
         limits = f"{self.low:.4g} to {self.high:.4g}"
         return f"{where} is {self.value:.4g} p.u. at the start; allowed by its limits: {limits}"
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.errors import InputError
+from facts_damping.plant.machines.block_controls import LimitViolation
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
@@ -29,18 +29,16 @@ def row(governor: Governor | None, offset: int) -> Any:
     return (offset, *(getattr(governor, name) for name in FIELDS))
 
 
-def start(governor: Governor, mechanical_power: float) -> Float1:
+def start(governor: Governor, mechanical_power: float) -> tuple[Float1, list[LimitViolation]]:
     """Steady-state states for a mechanical power (p.u. of the rating): gate = flow = Pm / At + q_nl.
 
-    Raises `InputError` if the gate's limits exclude it.
+    And the limit of the gate that excludes it, if one does.
     """
     gate = mechanical_power / governor.At + governor.q_nl
-    if not governor.gate_min <= gate <= governor.gate_max:
-        raise InputError(
-            f"governors: {governor.machine} needs a gate of {gate:.3f} p.u. at the start; "
-            f"allowed: {governor.gate_min:g} to {governor.gate_max:g}"
-        )
-    return np.array([0.0, gate, gate, gate])
+    low, high = governor.gate_min, governor.gate_max
+    beyond = [] if low <= gate <= high else ["gate_min" if gate < low else "gate_max"]
+    violations = [LimitViolation(governor, "gate", gate, low, high, field, gate) for field in beyond]
+    return np.array([0.0, gate, gate, gate]), violations
 
 
 @compiled
