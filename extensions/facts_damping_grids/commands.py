@@ -16,28 +16,29 @@ if TYPE_CHECKING:
 
 def import_(arguments: argparse.Namespace) -> None:
     """Write a system file from a MATPOWER or PSS/E case, and tell what became of its records."""
-    from facts_damping_grids import matpower_reading, psse_conversion, psse_loads, report
+    from facts_damping_grids import matpower_reading
+    from facts_damping_grids.psse import conversion, loads, report
     from facts_damping_grids.text import document
 
     case = Path(arguments.case)
     files.check_writable(arguments.out, "--out")
-    told = list[str]()
+    report_lines = list[str]()
     of_psse = {f"--loads {arguments.loads!r}": arguments.loads is not None, "--strict": arguments.strict}
     if case.suffix.lower() == ".raw":
         if arguments.dynamics is not None:
             raise InputError(f"--dynamics {arguments.dynamics}: given with a RAW file; allowed: with a MATPOWER case")
-        model = psse_loads.IMPEDANCE if arguments.loads is None else psse_loads.load_model(arguments.loads)
-        imported = psse_conversion.import_case(case, None if arguments.dyr is None else Path(arguments.dyr), model)
+        model = loads.IMPEDANCE if arguments.loads is None else loads.load_model(arguments.loads)
+        imported = conversion.import_case(case, None if arguments.dyr is None else Path(arguments.dyr), model)
         if arguments.strict and imported.inexact:
             last = f"--strict: {len(imported.inexact)} replaced or left out given; allowed: none"
             raise ProblemsError([*imported.inexact, last], most=len(imported.inexact) + 1)
         content, typical, notes = imported[:3]
-        told = report.lines(imported.records)
+        report_lines = report.lines(imported.records)
     elif arguments.dyr is not None:
         raise InputError(f"CASE.dyr: {arguments.dyr} given with {case.name}; allowed: with a RAW file")
     elif any(of_psse.values()):
-        given = next(option for option, is_given in of_psse.items() if is_given)
-        raise InputError(f"{given}: given with {case.name}; allowed: with a RAW file")
+        option = next(name for name, is_set in of_psse.items() if is_set)
+        raise InputError(f"{option}: given with {case.name}; allowed: with a RAW file")
     elif case.suffix != ".m":
         problem = f"a file of format '{case.suffix}' given" if case.is_file() else "no such file"
         raise InputError(f"{case}: {problem}; allowed: a MATPOWER case (.m) or a PSS/E case (.raw)")
@@ -47,8 +48,10 @@ def import_(arguments: argparse.Namespace) -> None:
     more = arguments.dynamics or arguments.dyr
     origin = case.name if more is None else f"{case.name} with {Path(more).name}"
     tell = note if (arguments.out or "-") == "-" else show
-    for line in told:
+    for line in report_lines:
         tell(line)
     for line in notes:
         note(f"facts-damping: {line}")
-    write_text(arguments.out or "-", document(content, typical, origin, [*told, *(notes if told else [])]))
+    write_text(
+        arguments.out or "-", document(content, typical, origin, [*report_lines, *(notes if report_lines else [])])
+    )

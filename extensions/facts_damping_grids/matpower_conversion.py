@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters.field_errors import short
-from facts_damping_grids.notes import Note, told
+from facts_damping_grids.notes import Note, note_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -88,7 +88,7 @@ def convert(case: MatpowerCase, dynamics: Mapping[str, Any] | None = None) -> Im
     if "signals" in tables or "pmus" in tables:
         content |= {"signals": {}, "measures": {}}  # the default ones refer to the default PMUs
     content |= {key: value for key, value in tables.items() if key != "machines"}
-    return Imported(filled(content), typical, told(notes))
+    return Imported(filled(content), typical, note_lines(notes))
 
 
 # Common to both formats

@@ -9,7 +9,7 @@ from facts_damping.output.tables import some_of
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from facts_damping_grids.psse_reading import Dynamic
+    from facts_damping_grids.psse.reading import Dynamic
 
     Outcome = Literal["", "replaced", "left out", "idle"]
 
@@ -43,7 +43,7 @@ def where(record: Dynamic, file: str) -> str:
     return f"{file}: line {record.line}: {record.model}"
 
 
-def told(notes: Iterable[str | Note]) -> list[str]:
+def note_lines(notes: Iterable[str | Note]) -> list[str]:
     """The notes as lines, in the order of their first element; what is idle in PSS/E, too, is left to the report."""
     groups: dict[object, list[str | Note]] = {}
     for note in notes:

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import InputError
-from facts_damping.input_files import share_folder
+from facts_damping.input_files import read_text, share_folder
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import read_yaml
 from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import build
 from facts_damping.signals import CHANNELS, MACHINE_TRUTH
-from facts_damping_grids.psse_controls import role_of
-from facts_damping_grids.psse_conversion import import_case
-from facts_damping_grids.psse_loads import load_model
-from facts_damping_grids.psse_machines import MACHINES
-from facts_damping_grids.psse_reading import read_dyr
+from facts_damping_grids.psse.controls import role_of
+from facts_damping_grids.psse.conversion import import_case
+from facts_damping_grids.psse.loads import load_model
+from facts_damping_grids.psse.machines import MACHINES
+from facts_damping_grids.psse.reading import read_dyr
 from facts_damping_validation.psse_steps import follow_in_steps
 from facts_damping_validation.table import Row, ValidationTable
 from facts_damping_validation.time_domain import follow
@@ -128,8 +128,8 @@ def _pmus(case: Case, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def trace(case: Case) -> NDArray[np.float64]:
     """Times, s, and columns of PSS/E."""
-    table: NDArray[np.float64] = np.loadtxt(folder() / case.folder / case.trace, delimiter=",", skiprows=1)
-    return table
+    lines = read_text(folder() / case.folder / case.trace).splitlines()
+    return np.array([line.split(",") for line in lines[1:]], float)
 
 
 def run(case: Case, times: NDArray[np.float64], *, steps: bool = False) -> NDArray[np.float64]:

@@ -104,12 +104,10 @@ def build(
         sparse_networks=Table([sparse_network(*part) for part in intervals] if large else []),
         pmu_machine=np.array([at[pmu.machine] for pmu in system.pmus]),
     )
-    n, source = len(installed), np.zeros(len(ports.rows), np.complex128)
+    n, none = len(installed), np.zeros(len(ports.rows), np.complex128)
     lines = line([system.device(name).dead_time for name in installed])
-    state = PlantState(
-        np.array(states.values), np.zeros(n), np.zeros(n), initial_watch(n), source, source.copy(), *lines
-    )
-    return Built(plant, state, flow, states.names)
+    at_rest = np.zeros(n), np.zeros(n), initial_watch(n), none, none.copy()
+    return Built(plant, PlantState(np.array(states.values), *at_rest, *lines), flow, states.names)
 
 
 def _salient_ports(system: System, rotating: _Rotating) -> _Ports:

@@ -8,7 +8,7 @@ from facts_damping.case.loading import make_case
 from facts_damping_bench.grid import DURATION, FAULT_END, FAULT_START, FAULT_X, RATE, Grid, TimedRun
 from facts_damping_bench.large import BUS, files
 from facts_damping_bench.ours import timed
-from facts_damping_grids.psse_conversion import import_case
+from facts_damping_grids.psse.conversion import import_case
 
 if TYPE_CHECKING:
     from pathlib import Path

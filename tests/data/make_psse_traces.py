@@ -39,9 +39,9 @@ def samples(path: Path, at: float) -> np.ndarray:
 def thinned(case: Case, table: np.ndarray) -> list[list[str]]:
     """The rows of the shipped file."""
     event = int(np.searchsorted(table[:, 0], case.at - 1e-6))
-    kept = [i for i in range(len(table)) if i % EVERY == 0 or event - BEFORE <= i <= event + AFTER]
+    shown = [i for i in range(len(table)) if i % EVERY == 0 or event - BEFORE <= i <= event + AFTER]
     head = ["t", *(f"{c.quantity} {c.element}" for c in case.columns)]
-    rows = [[table[i, 0], *(table[i, c.number - 1] - c.unit.zero for c in case.columns)] for i in kept]
+    rows = [[table[i, 0], *(table[i, c.number - 1] - c.unit.zero for c in case.columns)] for i in shown]
     return [head, *([f"{t:.7g}", *(f"{value:.7g}" for value in values)] for t, *values in rows)]
 
 

@@ -17,7 +17,7 @@ from facts_damping.cli.main import main
 from facts_damping.plant.build import build
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping_grids.psse_conversion import import_case
+from facts_damping_grids.psse.conversion import import_case
 from tests.andes_cases import with_torques
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError
-from facts_damping_grids.psse_conversion import import_case
-from facts_damping_grids.psse_reading import read_dyr, read_raw
-from facts_damping_grids.psse_records import columns_of, row
+from facts_damping_grids.psse.conversion import import_case
+from facts_damping_grids.psse.reading import read_dyr, read_raw
+from facts_damping_grids.psse.records import columns_of, row
 from tests.grids.test_psse import DYR, RAW, imported, raw_with, voltages
 
 if TYPE_CHECKING:

@@ -9,13 +9,13 @@ import pytest
 
 from facts_damping.case.loading import load_system
 from facts_damping.cli.main import main
-from facts_damping_grids.psse_conversion import import_case
+from facts_damping_grids.psse.conversion import import_case
 from tests.grids.test_psse import DYR, RAW, raw_with
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from facts_damping_grids.report import Records
+    from facts_damping_grids.psse.report import Records
 
 DC = ("^0 / END OF VSC", "1,2,3\n0 / END OF VSC")
 MORE = """\

@@ -15,7 +15,7 @@ from facts_damping.plant.build import build
 from facts_damping.plant.machines import block_controls, blocks
 from facts_damping.plant.machines.blocks import SENSED
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping_grids.psse_conversion import import_case
+from facts_damping_grids.psse.conversion import import_case
 from tests.plant.test_blocks import POWER, at_rest, control_of, response, sensed
 
 if TYPE_CHECKING:

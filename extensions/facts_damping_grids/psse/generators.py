@@ -9,17 +9,17 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping_grids import matpower_conversion
-from facts_damping_grids import psse_network as network
 from facts_damping_grids.notes import Note
-from facts_damping_grids.psse_checking import PHYSICAL
+from facts_damping_grids.psse import network
+from facts_damping_grids.psse.checking import PHYSICAL
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping.plant.grid.power_flow import PowerFlow
     from facts_damping_grids.problems import Problems
-    from facts_damping_grids.psse_reading import RawCase
-    from facts_damping_grids.psse_records import Row
+    from facts_damping_grids.psse.reading import RawCase
+    from facts_damping_grids.psse.records import Row
 
 
 class Unit(NamedTuple):

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.output.tables import some_of
 from facts_damping_grids.matpower_conversion import ISOLATED, PQ, REFERENCE
 from facts_damping_grids.notes import Note
-from facts_damping_grids.psse_loads import IMPEDANCE, LoadModel, free_name, load_model, loads
-from facts_damping_grids.psse_records import KEYS, Row
-from facts_damping_grids.psse_transformers import ZERO, shunt, transformers
+from facts_damping_grids.psse.loads import IMPEDANCE, LoadModel, free_name, load_model, loads
+from facts_damping_grids.psse.records import KEYS, Row
+from facts_damping_grids.psse.transformers import ZERO, shunt, transformers
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from facts_damping_grids.psse_reading import RawCase
+    from facts_damping_grids.psse.reading import RawCase
 
 __all__ = ["IMPEDANCE", "LoadModel", "Network", "bus_of", "free_name", "load_model", "network", "one_voltage"]
 

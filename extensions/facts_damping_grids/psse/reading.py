@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.errors import InputError, ProblemsError
 from facts_damping.input_files import GRID, is_file, read_text
 from facts_damping.parameters.field_errors import short
-from facts_damping_grids.psse_records import (
+from facts_damping_grids.psse.records import (
     COLUMNS,
     DC_LINE,
     KEYS,
@@ -33,7 +33,7 @@ from facts_damping_grids.psse_records import (
     row,
     values,
 )
-from facts_damping_grids.psse_version_23 import modern
+from facts_damping_grids.psse.version_23 import modern
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

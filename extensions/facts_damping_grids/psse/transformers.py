@@ -6,13 +6,13 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping_grids.notes import Note
-from facts_damping_grids.psse_loads import free_name
+from facts_damping_grids.psse.loads import free_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from facts_damping_grids.psse_reading import RawCase
-    from facts_damping_grids.psse_records import Row
+    from facts_damping_grids.psse.reading import RawCase
+    from facts_damping_grids.psse.records import Row
 
 ZERO = 1e-5  # p.u., reactance that stands for none: a tenth of PSS/E's threshold, which a power flow still resolves
 

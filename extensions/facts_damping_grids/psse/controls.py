@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 from facts_damping.errors import InputError
 from facts_damping.machine_controls.block_models import MODELS, quantity_of
 from facts_damping.machine_controls.blocks import SHORTEST, TABLES
-from facts_damping_grids.effects import effect_of
 from facts_damping_grids.notes import of_record, where
-from facts_damping_grids.psse_machines import constants
+from facts_damping_grids.psse.effects import effect_of
+from facts_damping_grids.psse.machines import constants
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from facts_damping_grids.notes import Note, Outcome
-    from facts_damping_grids.psse_reading import Dynamic
-    from facts_damping_grids.psse_records import Row
-    from facts_damping_grids.psse_units import Unit
+    from facts_damping_grids.psse.generators import Unit
+    from facts_damping_grids.psse.reading import Dynamic
+    from facts_damping_grids.psse.records import Row
 
 HYGOV = "R r Tr Tf Tg rate_max gate_max gate_min Tw At Dt q_nl"
 NOT_SEEN = "what is faster than 2 ms, which no swing is"

@@ -75,10 +75,10 @@ def _note(error: FieldError, content: Mapping[str, Any], origins: Origins) -> No
     where = _where(table, name, field, origins)
     file, _, record = where.partition(": line ")
     source = f"{file}: {record.split(': ')[1]}" if record else table
-    given, _, allowed = error.text.partition(" given; allowed: ")
+    value_text, _, allowed = error.text.partition(" given; allowed: ")
     if not allowed:
-        return Note(f"{where}: unusual: {given}", f"{source}: unusual: {given}", table, name)
+        return Note(f"{where}: unusual: {value_text}", f"{source}: unusual: {value_text}", table, name)
     words, unit = re.fullmatch(r"(.*?)(?:, in (.*))?", allowed).groups("")  # type: ignore[union-attr]
     limit, _, value = words.rpartition(" ")
     usual = f"is unusual; usual: {LIMITS.get(limit, limit)} {value} {unit}".rstrip()
-    return Note(f"{where}: {field} = {given} {usual}", f"{source}: {field} {usual}", table, name)
+    return Note(f"{where}: {field} = {value_text} {usual}", f"{source}: {field} {usual}", table, name)

@@ -13,10 +13,10 @@ from facts_damping.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping_grids.psse_dynamics import Dynamics
-    from facts_damping_grids.psse_reading import RawCase
-    from facts_damping_grids.psse_records import Row
-    from facts_damping_grids.psse_units import Terminal, Unit
+    from facts_damping_grids.psse.dynamics import Dynamics
+    from facts_damping_grids.psse.generators import Terminal, Unit
+    from facts_damping_grids.psse.reading import RawCase
+    from facts_damping_grids.psse.records import Row
 
 LEAST_REACTANCE = 1e-6  # p.u. of the system base, of an infinite source without one
 CURRENT = {"current": 1}
@@ -68,8 +68,8 @@ def placed(
         else:
             places.append(place)
     if not places and not rows.infinite_buses:
-        given = f"{len(listed)} given that become constant currents"
-        raise InputError(f"generator: {given}; allowed: at least one machine or infinite source among them")
+        count = f"{len(listed)} given that become constant currents"
+        raise InputError(f"generator: {count}; allowed: at least one machine or infinite source among them")
     slack = None if rows.infinite_buses else _slack(places, buses)
     together = [place.bus for place in places]
     for place in places:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from facts_damping_grids.notes import Note
-    from facts_damping_grids.psse_reading import Dyr, RawCase
+    from facts_damping_grids.psse.reading import Dyr, RawCase
 
 # Sections whose records affect the grid and are not read; the others do not affect it.
 ACTING = ("VSC dc", "multi-terminal dc", "FACTS device", "GNE device", "induction machine", "impedance correction")

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.errors import InputError
 from facts_damping.parameters.field_errors import short
 from facts_damping_grids.notes import Note
-from facts_damping_grids.psse_records import Row
+from facts_damping_grids.psse.records import Row
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from facts_damping_grids.psse_reading import RawCase
+    from facts_damping_grids.psse.reading import RawCase
 
 KINDS = ("impedance", "current", "power")
 ALLOWED = f"{', '.join(KINDS)}, or percentages of them, as in 'P: 40 impedance 60 current, Q: impedance'"

@@ -6,22 +6,22 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.machine_controls.blocks import TABLES
 from facts_damping.output.tables import some_of
-from facts_damping_grids import psse_controls
-from facts_damping_grids.effects import EFFECTS, SOURCE, effect_of, family
 from facts_damping_grids.matpower_conversion import TYPICAL
 from facts_damping_grids.notes import Note, of_record, where
-from facts_damping_grids.psse_machines import MACHINES, is_source, machine_of
-from facts_damping_grids.psse_reading import Dynamic
-from facts_damping_grids.psse_units import identifier
-from facts_damping_grids.report import OTHER
+from facts_damping_grids.psse import controls
+from facts_damping_grids.psse.effects import EFFECTS, SOURCE, effect_of, family
+from facts_damping_grids.psse.generators import identifier
+from facts_damping_grids.psse.machines import MACHINES, is_source, machine_of
+from facts_damping_grids.psse.reading import Dynamic
+from facts_damping_grids.psse.report import OTHER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from facts_damping_grids.problems import Problems
-    from facts_damping_grids.psse_reading import Dyr, RawCase
-    from facts_damping_grids.psse_records import Row
-    from facts_damping_grids.psse_units import Unit
+    from facts_damping_grids.psse.generators import Unit
+    from facts_damping_grids.psse.reading import Dyr, RawCase
+    from facts_damping_grids.psse.records import Row
 
     Records = dict[str, list[Dynamic]]  # by the name of their unit
 
@@ -40,13 +40,13 @@ class Dynamics(NamedTuple):
     origins: dict[tuple[str, str], str]
 
 
-def without(listed: Sequence[Unit]) -> Dynamics:
+def typical_dynamics(listed: Sequence[Unit]) -> Dynamics:
     """A case without DYR file: machines with typical data."""
     names = [unit.name for unit in listed]
     return Dynamics({name: dict(TYPICAL) for name in names}, [], [], names, {}, {})
 
 
-def read(
+def dynamics_of(
     case: RawCase, listed: Sequence[Unit], dyr: Dyr, file: str, notes: list[str | Note], problems: Problems
 ) -> Dynamics:
     """What the records of a DYR file make of the units; `file`: its name."""
@@ -70,9 +70,9 @@ def read(
             with problems.collected():
                 dynamics.machines[unit.name] = machine_of(record, unit, file, notes)
             classical = record.model == "GENCLS"
-            for other in psse_controls.with_effect(more, unit, file, notes, classical=classical):
+            for other in controls.with_effect(more, unit, file, notes, classical=classical):
                 with problems.collected():
-                    table = psse_controls.add_control(other, unit, file, dynamics.controls, notes)
+                    table = controls.add_control(other, unit, file, dynamics.controls, notes)
                     dynamics.origins[table, unit.name] = f"{where(other, file)}: of {unit.name}"
     return dynamics
 
@@ -118,7 +118,7 @@ def _as_current(unit: Unit, records: Sequence[Dynamic], file: str) -> list[Note]
             text = "a constant current stands for the inverter"
             notes.append(of_record(record, unit.name, file, text, "replaced", SOURCE))
             continue
-        known = psse_controls.role_of(record.model)
+        known = controls.role_of(record.model)
         text = "is left out with its machine, for which a constant current stands"
         text = text if known else "is no machine model that is known: left out"
         notes.append(of_record(record, unit.name, file, text, "left out", effect_of(record.model)))

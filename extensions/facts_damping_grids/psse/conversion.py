@@ -10,22 +10,23 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from facts_damping.errors import InputError, ProblemsError
 from facts_damping.parameters.plant.system import System
 from facts_damping.plant.grid.power_flow import solve
-from facts_damping_grids import matpower_conversion, psse_dynamics, psse_units, report
-from facts_damping_grids import psse_network as network
+from facts_damping_grids import matpower_conversion
 from facts_damping_grids.control_limits import widened
-from facts_damping_grids.notes import Note, told
+from facts_damping_grids.notes import Note, note_lines
 from facts_damping_grids.problems import Problems, problems_of
-from facts_damping_grids.psse_checking import check_possible, checked
-from facts_damping_grids.psse_placing import placed
-from facts_damping_grids.psse_reading import read_dyr, read_raw
-from facts_damping_grids.report import ACTING
+from facts_damping_grids.psse import generators, network, report
+from facts_damping_grids.psse.checking import check_possible, checked
+from facts_damping_grids.psse.dynamics import dynamics_of, typical_dynamics
+from facts_damping_grids.psse.placing import placed
+from facts_damping_grids.psse.reading import read_dyr, read_raw
+from facts_damping_grids.psse.report import ACTING
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from facts_damping_grids.psse_dynamics import Dynamics
-    from facts_damping_grids.psse_loads import LoadModel
-    from facts_damping_grids.psse_reading import Dyr, RawCase
+    from facts_damping_grids.psse.dynamics import Dynamics
+    from facts_damping_grids.psse.loads import LoadModel
+    from facts_damping_grids.psse.reading import Dyr, RawCase
 
 LEFT_OUT = {  # what can be otherwise without the records of a section
     "FACTS device": "its control of voltage and power is missing",
@@ -60,21 +61,21 @@ def convert(
     notes: list[str | Note] = _sections_left_out(case)
     grid = network.network(case, load_model, notes, problems.lines)
     case = network.one_voltage(case, notes)
-    units = psse_units.units(case, grid.buses, notes, problems)
-    voltages = psse_units.held(units, grid.buses, notes)
+    units = generators.units(case, grid.buses, notes, problems)
+    voltages = generators.held(units, grid.buses, notes)
     without_units, at_buses = _without_units(case, grid), dict[str, Any]()
     origins = {("generator", unit.name): f"line {unit.row['line']}: generator: {unit.name}" for unit in units}
     if not problems.lines:
-        at_buses = psse_units.at_buses(without_units, units, voltages, grid.buses)
+        at_buses = generators.at_buses(without_units, units, voltages, grid.buses)
         check_possible(at_buses, origins, problems)
     if dyr is None:
-        dynamics = psse_dynamics.without(units)
+        dynamics = typical_dynamics(units)
         notes += [_typical(unit) for unit in units]
     else:
-        dynamics = psse_dynamics.read(case, units, dyr, dyr_name, notes, problems)
+        dynamics = dynamics_of(case, units, dyr, dyr_name, notes, problems)
     problems.check()
     flow = solve(System.model_validate(at_buses))
-    rows = placed(units, dynamics, psse_units.terminals(flow, units), voltages, case, grid.buses)
+    rows = placed(units, dynamics, generators.terminals(flow, units), voltages, case, grid.buses)
     content = matpower_conversion.filled(
         {
             **without_units,
@@ -86,7 +87,7 @@ def convert(
     content, unusual = checked(content, origins | dynamics.origins, problems)
     problems.check()
     content, wider = widened(content, dynamics.origins)
-    return Converted(content, dynamics, [*notes, *unusual, *wider, psse_units.mismatch(grid.buses, flow.by_bus)])
+    return Converted(content, dynamics, [*notes, *unusual, *wider, generators.mismatch(grid.buses, flow.by_bus)])
 
 
 def _sections_left_out(case: RawCase) -> list[str | Note]:
@@ -101,7 +102,7 @@ def _sections_left_out(case: RawCase) -> list[str | Note]:
     ]
 
 
-def _typical(unit: psse_units.Unit) -> Note:
+def _typical(unit: generators.Unit) -> Note:
     """The note on a machine of a case without DYR file."""
     common = "generator: no dynamic data: typical data of synchronous machines (Kundur, table 4.2)"
     alone = f"line {unit.row['line']}: {common}"
@@ -152,7 +153,7 @@ def import_case(raw: Path, dyr: Path | None = None, load_model: LoadModel = netw
     inexact = [note.alone for note in notes if isinstance(note, Note) and note.outcome in ("replaced", "left out")]
     named = [
         [text if dyr and text.startswith(f"{dyr_name}: ") else f"{raw.name}: {text}" for text in texts]
-        for texts in (told(notes), inexact)
+        for texts in (note_lines(notes), inexact)
     ]
     return ImportedCase(content, dynamics.typical, named[0], report.of_case(case, records, notes), named[1])
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from facts_damping_grids.psse_records import Row
+    from facts_damping_grids.psse.records import Row
 
 
 def modern(old: dict[str, list[Row]], base_power: float) -> dict[str, list[Row]]:

@@ -11,9 +11,9 @@ from facts_damping.errors import InputError
 from facts_damping_grids.notes import Note, of_record, where
 
 if TYPE_CHECKING:
-    from facts_damping_grids.psse_reading import Dynamic
-    from facts_damping_grids.psse_records import Row
-    from facts_damping_grids.psse_units import Unit
+    from facts_damping_grids.psse.generators import Unit
+    from facts_damping_grids.psse.reading import Dynamic
+    from facts_damping_grids.psse.records import Row
 
 ROUND = "Td01 Td02 Tq01 Tq02 H D Xd Xq Xd1 Xq1 Xd2 Xl S10 S12"
 SALIENT = "Td01 Td02 Tq02 H D Xd Xq Xd1 Xd2 Xl S10 S12"
@@ -76,6 +76,6 @@ def constants(record: Dynamic, order: str, file: str, optional: str = "") -> dic
     while needed and names[needed - 1] in missing:
         needed -= 1
     if len(record.values) < needed:
-        given = f"{len(record.values)} constants given; allowed: {len(names)}, {order}"
-        raise InputError(f"{where(record, file)}: {given}")
+        count = f"{len(record.values)} constants given; allowed: {len(names)}, {order}"
+        raise InputError(f"{where(record, file)}: {count}")
     return dict.fromkeys(names, 0.0) | dict(zip(names, record.values, strict=False))

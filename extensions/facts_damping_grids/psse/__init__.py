@@ -1,0 +1,1 @@
+"""Import of PSS/E cases: RAW and DYR files as content of a system."""
