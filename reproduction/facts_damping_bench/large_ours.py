@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 
 def prepare(grid: Grid, folder: Path) -> dict[str, Any]:  # noqa: ARG001 (what every program's module takes)
-    """The system, as the import makes it."""
-    return import_case(*files()).content
+    """The system, as the import makes it, but for torques: of ANDES's turbines the speed divides no power."""
+    content = import_case(*files()).content
+    return content | {"machines": [row | {"speed_torque": False} for row in content["machines"]]}
 
 
 def run(prepared: dict[str, Any], grid: Grid, step: float, **_twin: Any) -> TimedRun:  # noqa: ARG001
