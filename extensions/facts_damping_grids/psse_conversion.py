@@ -69,7 +69,7 @@ def convert(
     content = _without_units(case, grid)
     voltages = psse_units.held(units, grid.buses, notes)
     terminals, solution = psse_units.solved(content, units, voltages, grid.buses)
-    rows = placed(units, dynamics, terminals, voltages, case, grid.buses)
+    rows = placed(units, dynamics, terminals, voltages, case, grid.buses, notes)
     content = matpower_conversion.filled(
         {
             **content,
