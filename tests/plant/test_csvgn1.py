@@ -83,7 +83,7 @@ def test_at_rest_regulator_and_network_meet(u: float) -> None:
         ({"RMIN": 40.0}, 0.05, 0.2),
     ],
 )
-def test_it_stays_within_its_limits_and_leaves_them_without_wind_up(
+def test_compensator_stays_within_its_limits_and_leaves_them_without_wind_up(
     limits: dict[str, float], u: float, limit: float
 ) -> None:
     """At a stiff bus; from the setpoint's end on the lags T3 and T5 lead from the limit to the start.
@@ -109,7 +109,7 @@ def test_it_stays_within_its_limits_and_leaves_them_without_wind_up(
     np.testing.assert_allclose(y[trace.t >= 1.0], expected, rtol=0, atol=5e-3)
 
 
-def test_it_is_a_part_of_the_grid_whether_installed_or_not() -> None:
+def test_compensator_is_a_part_of_the_grid_whether_installed_or_not() -> None:
     """Same power flow as with a load of -Q, rest, and the same course after an event."""
     step = {"time": 0.1, "kind": "load_step", "load": "load_2", "change": -0.1}
     there, installed = (plant(two_area(device=True), step, installed=names) for names in ([], ["svc"]))
