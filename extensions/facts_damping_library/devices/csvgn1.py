@@ -28,9 +28,7 @@ class Csvgn1(Parallel):
 
     kind: Literal["csvgn1"] = KIND
     permanent: ClassVar[bool] = True
-    setpoint_max: float = quantity(
-        0.05, "p.u.", "limit of the setpoint, an offset of the voltage reference", gt=0, le=1
-    )
+    setpoint_max: float = quantity(0.05, "p.u.", "limit of the setpoint", gt=0, le=1)
     rate_max: float = quantity(5.0, "p.u./s", "rate limit of the setpoint", gt=0, le=1000)
     Q: float = quantity(0.0, "Mvar", "reactive power given at the start", ge=-1e5, le=1e5)
     MBASE: float = quantity(..., "MVA", "reactor, and base of y", usual=100, gt=0, le=1e5)
@@ -39,11 +37,11 @@ class Csvgn1(Parallel):
     VMAX: float = quantity(1.0, "p.u.", "limit of the regulator", ge=-1e4, le=1e4)
     VMIN: float = quantity(0.0, "p.u.", "limit of the regulator", ge=-1e4, le=1e4)
     K: float = quantity(..., "p.u.", "gain of the regulator: y per voltage", usual=50, gt=0, le=1e4)
-    T1: float = quantity(0.0, "s", "time constant of the numerator", ge=0, le=100)
-    T2: float = quantity(0.0, "s", "time constant of the numerator", ge=0, le=100)
-    T3: float = quantity(..., "s", "time constant of the denominator; 0: none, without T1", usual=0.15, ge=0, le=100)
-    T4: float = quantity(0.0, "s", "time constant of the denominator; 0: none, without T2", ge=0, le=100)
-    T5: float = quantity(..., "s", "time constant of the thyristors", usual=0.02, ge=SHORTEST, le=10)
+    T1: float = quantity(0.0, "s", "of the numerator", ge=0, le=100)
+    T2: float = quantity(0.0, "s", "of the numerator", ge=0, le=100)
+    T3: float = quantity(..., "s", "of the denominator; 0: none, without T1", usual=0.15, ge=0, le=100)
+    T4: float = quantity(0.0, "s", "of the denominator; 0: none, without T2", ge=0, le=100)
+    T5: float = quantity(..., "s", "of the thyristors", usual=0.02, ge=SHORTEST, le=10)
 
     def check(self) -> None:
         """Raise `ValueError` where fields contradict each other."""
@@ -158,7 +156,7 @@ def truth(device: Any, x: Float1, _u: float, _size: float, _blocked: bool, out: 
 
 
 SHOWN = Shown(
-    "CSVGN1 (static var compensator of PSS/E)",
+    "CSVGN1 (SVC of PSS/E)",
     "offset of the voltage reference",
     "raises the bus voltage",
     state="susceptance",
