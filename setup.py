@@ -212,6 +212,7 @@ setup(
             *(f"{name} = {WINGS['studies']}.api.sweeps:{name}" for name in ("Sweep", "sweep")),
         ],
         f"{NAME}.modules": [f"environment = {WINGS['gym']}", f"testing = {WINGS['testing']}.fixtures"],
+        f"{NAME}.device_kinds": [f"csvgn1 = {WINGS['library']}.devices.csvgn1:ROW"],
         f"{NAME}.kernels": [f"gym = {WINGS['gym']}.many"],
         f"{NAME}.machine_controls": [f"library = {WINGS['library']}:MODELS"],
         f"{NAME}.exports": [f"m = {WINGS['grids']}.matpower_writing:export"],

@@ -20,6 +20,7 @@ from facts_damping.plant.build import build
 from facts_damping.signals import CHANNELS, MACHINE_TRUTH
 from facts_damping_grids.psse.controls import role_of
 from facts_damping_grids.psse.conversion import import_case
+from facts_damping_grids.psse.devices import DEVICES
 from facts_damping_grids.psse.loads import load_model
 from facts_damping_grids.psse.machines import MACHINES
 from facts_damping_grids.psse.reading import read_dyr
@@ -79,6 +80,7 @@ class Case(NamedTuple):
     columns: list[Column]
     loads: str = "P: impedance, Q: impedance"
     steps: float | None = None
+    active: str = ""
     deviations: dict[str, Deviation] = {}  # noqa: RUF012 (never changed)
 
 
@@ -102,17 +104,24 @@ def _case(row: dict[str, Any]) -> Case:
 def not_modelled(dyr: Path) -> list[str]:
     """Models of a DYR file for which there is no equation, in their order."""
     names = dict.fromkeys(record.model for record in read_dyr(dyr, []).records)
-    return [name for name in names if name not in MACHINES and not role_of(name)]
+    return [name for name in names if name not in MACHINES and name not in DEVICES and not role_of(name)]
 
 
 def imported(case: Case) -> System:
     """The system of a case, with a PMU for each measured bus, branch and machine. Raises `InputError`."""
     place = folder() / case.folder
     content = import_case(place / case.raw, place / case.dyr, load_model(case.loads)).content
+    if case.active:
+        content["loads"] = [part for row in content["loads"] for part in _parts(row, row["name"] == case.active)]
     content |= {"pmus": list(_pmus(case, content).values()), "signals": {}, "measures": {}}
     if case.event["kind"] == "reference":
-        content["devices"] = [REFERENCE_STEP | {"machine": case.event["machine"]}]
+        content["devices"] = [*content.get("devices", []), REFERENCE_STEP | {"machine": case.event["machine"]}]
     return check(System, content, case.case)
+
+
+def _parts(row: dict[str, Any], apart: bool) -> list[dict[str, Any]]:
+    """A load; apart: one of its active power, one of its reactive power."""
+    return [row | {"Q": 0.0}, row | {"name": f"{row['name']}_Q", "P": 0.0}] if apart else [row]
 
 
 def _pmus(case: Case, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -121,7 +130,7 @@ def _pmus(case: Case, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
     for column in case.columns:
         bus, _, branch = column.element.partition("-")
         at = {"bus": bus, "branches": [branch]} if branch else {"bus": bus}
-        machine = any(row["name"] == column.element for row in content["machines"])
+        machine = any(row["name"] == column.element for row in content.get("machines", ()))
         pmus[column.element] = {"name": column.element} | ({"machine": bus} if machine else at)
     return pmus
 

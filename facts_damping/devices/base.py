@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -23,6 +23,7 @@ class DeviceModel(ParameterModel):
         setpoint_max: float
         rate_max: float
 
+    permanent: ClassVar[bool] = False  # in service whether a run installs it or not
     name: Name = Field(..., description="name, unique among lines, transformers and devices")
     kind: str
     response_time: float = quantity(
@@ -86,7 +87,7 @@ class Series(DeviceModel):
 
 
 class Parallel(DeviceModel):
-    """What all kinds in parallel have: a bus. One that is not installed does nothing."""
+    """What all kinds in parallel have: a bus. One that is neither installed nor permanent does nothing."""
 
     bus: Name = Field(..., description="bus to which it is connected")
 
@@ -104,6 +105,7 @@ class Parallel(DeviceModel):
 class Transmission(DeviceModel):
     """What all kinds have that carry power between two buses: they are in service whether installed or not."""
 
+    permanent: ClassVar[bool] = True
     from_bus: Name = Field(..., alias="from", description="bus of the rectifier")
     to_bus: Name = Field(..., alias="to", description="bus of the inverter")
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling.structs import Table
-from facts_damping.devices.base import AtMachine, Series, Transmission
+from facts_damping.devices.base import AtMachine, Series
 from facts_damping.devices.kind import Site
 from facts_damping.devices.table import KINDS
 from facts_damping.elementary import magnitude, phase, rect
@@ -141,8 +141,8 @@ def with_noise(built: Built, system: System, noise: Mapping[str, Float2]) -> Bui
 
 
 def in_service(system: System, installed: Sequence[str]) -> list[Device]:
-    """The installed devices in their order, then HVDC links that transmit uncommanded, without lag or dead time."""
-    others = [d for d in system.devices if isinstance(d, Transmission) and d.name not in installed]
+    """The installed devices in their order, then permanent ones, which are uncommanded, without lag or dead time."""
+    others = [d for d in system.devices if d.permanent and d.name not in installed]
     still = {"response_time": 0.0, "dead_time": 0.0}
     return [*(system.device(name) for name in installed), *(d.model_copy(update=still) for d in others)]
 

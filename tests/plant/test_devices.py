@@ -28,6 +28,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "load_modulation": {"bus": "B9", "pf": 0.6, **LIMITS},
     "tcsc": {"line": "line_2", "X": 0.004, "X_min": 0.0, "X_max": 0.1, **LIMITS},
     "exciter_input": {"machine": "G1", **LIMITS},
+    "csvgn1": {"bus": "B9", "MBASE": 300.0, "CBASE": 200.0, "Q": 40.0, "K": 8.0, "T3": 0.15, "T5": 0.02, **LIMITS},
     "bess": {"bus": "B9", "S_rated": 60.0, "E_rated": 30.0, "K": 40.0, **LIMITS},
 }
 SECOND: dict[str, dict[str, Any]] = {
@@ -38,6 +39,7 @@ SECOND: dict[str, dict[str, Any]] = {
     "load_modulation": {"bus": "B7", "pf": 0.5, "V_min": 0.8, **LIMITS},
     "tcsc": {"line": "line_3", "X": 0.002, "X_min": -0.05, "X_max": 0.1, "T": 0.02, **LIMITS},
     "exciter_input": {"machine": "G3", **LIMITS},
+    "csvgn1": {"bus": "B7", "MBASE": 200.0, "CBASE": 80.0, "K": 9.0, "T1": 0.1, "T3": 0.2, "T5": 0.01, **LIMITS},
     "bess": {"bus": "B7", "S_rated": 40.0, "E_rated": 0.1, "K": 30.0, "eta_in": 0.8, **LIMITS},
 }
 KINDS = list(TABLE)

@@ -75,7 +75,7 @@ def convert(
         dynamics = dynamics_of(case, units, dyr, dyr_name, notes, problems)
     problems.check()
     flow = solve(System.model_validate(at_buses))
-    rows = placed(units, dynamics, generators.terminals(flow, units), voltages, case, grid.buses)
+    rows = placed(units, dynamics, generators.terminals(flow, units), voltages, case, grid.buses, notes)
     content = matpower_conversion.filled(
         {
             **without_units,

@@ -1,4 +1,4 @@
-"""Records of a DYR file as what stands for each generator: machine and controls, source, or constant current."""
+"""Records of a DYR file as what stands for each generator: machine and controls, device, source, constant current."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from facts_damping.output.tables import some_of
 from facts_damping_grids.matpower_conversion import TYPICAL
 from facts_damping_grids.notes import Note, of_record, where
 from facts_damping_grids.psse import controls
+from facts_damping_grids.psse.devices import DEVICES, device_of
 from facts_damping_grids.psse.effects import EFFECTS, SOURCE, effect_of, family
 from facts_damping_grids.psse.generators import identifier
 from facts_damping_grids.psse.machines import MACHINES, is_source, machine_of
@@ -27,12 +28,13 @@ if TYPE_CHECKING:
 
 
 class Dynamics(NamedTuple):
-    """By names of units: constants of machines, infinite sources, constant currents, machines with typical data.
+    """By names of units: constants of machines, fields of devices, infinite sources, constant currents, typical data.
 
     And controls of machines by table, and by table and machine where a row comes from: file, line, model.
     """
 
     machines: dict[str, Row]
+    devices: dict[str, Row]
     sources: list[str]
     currents: list[str]
     typical: list[str]
@@ -43,14 +45,14 @@ class Dynamics(NamedTuple):
 def typical_dynamics(listed: Sequence[Unit]) -> Dynamics:
     """A case without DYR file: machines with typical data."""
     names = [unit.name for unit in listed]
-    return Dynamics({name: dict(TYPICAL) for name in names}, [], [], names, {}, {})
+    return Dynamics({name: dict(TYPICAL) for name in names}, {}, [], [], names, {}, {})
 
 
 def dynamics_of(
     case: RawCase, listed: Sequence[Unit], dyr: Dyr, file: str, notes: list[str | Note], problems: Problems
 ) -> Dynamics:
     """What the records of a DYR file make of the units; `file`: its name."""
-    dynamics = Dynamics({}, [], [], [], {table: [] for table in TABLES.values()}, {})
+    dynamics = Dynamics({}, {}, [], [], [], {table: [] for table in TABLES.values()}, {})
     for line, text in dyr.unread:
         alone = f"{file}: line {line}: {text} ... is no record of a machine: left out"
         common = f"{file}: no records of machines: left out"
@@ -65,6 +67,12 @@ def dynamics_of(
             dynamics.sources.append(unit.name)
             text = "acts on an infinite source, which stays as it is: left out"
             notes += [of_record(other, unit.name, file, text, "idle") for other in more]
+        elif record.model in DEVICES:
+            dynamics.origins["devices", unit.name] = f"{where(record, file)}: of {unit.name}"
+            with problems.collected():
+                dynamics.devices[unit.name] = device_of(record, unit, file, notes)
+            text = f"does not act on {record.model}: left out"
+            notes += [of_record(other, unit.name, file, text, "left out", effect_of(other.model)) for other in more]
         else:
             dynamics.origins["machines", unit.name] = f"{where(record, file)}: of {unit.name}"
             with problems.collected():
@@ -80,7 +88,7 @@ def dynamics_of(
 def _by_unit(
     case: RawCase, listed: Sequence[Unit], dyr: Dyr, file: str, notes: list[str | Note], problems: Problems
 ) -> tuple[dict[str, Dynamic], Records]:
-    """The machine record of each unit that has one, and its other records."""
+    """The record of each unit that is a machine's or a device's, and its other records."""
     by_place = {(unit.bus, unit.machine): unit for unit in listed}
     in_case = {(int(row["I"]), identifier(row["ID"])) for row in case.tables["generator"]}
     models, others = dict[str, Dynamic](), dict[str, list[Dynamic]]()
@@ -89,7 +97,7 @@ def _by_unit(
         unit = by_place.get(place)
         if unit is None:
             notes.append(_without_machine(record, file, out_of_service=place in in_case))
-        elif record.model not in MACHINES:
+        elif record.model not in MACHINES and record.model not in DEVICES:
             others.setdefault(unit.name, []).append(record)
         elif unit.name in models:
             which = f"machine {record.machine} at bus {record.bus}"

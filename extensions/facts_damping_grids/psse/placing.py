@@ -1,7 +1,7 @@
 """Units of a case as rows of a system, at their place in the solved power flow.
 
 A machine stands at its bus, or behind its step-up transformer. An infinite source is an infinite bus behind a line of
-its impedance ZSORCE. A constant current is a load of negative power.
+its impedance ZSORCE. A constant current is a load of negative power. A device gives its reactive power at the start.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.errors import InputError
+from facts_damping_grids.notes import Note
+from facts_damping_grids.psse.devices import at_rest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 LEAST_REACTANCE = 1e-6  # p.u. of the system base, of an infinite source without one
 CURRENT = {"current": 1}
+NOTHING = 1e-6  # MW
 
 
 class Placed(NamedTuple):
@@ -31,6 +34,7 @@ class Placed(NamedTuple):
     loads: list[Row]
     infinite_buses: list[Row]
     machines: list[Row]
+    devices: list[Row]
 
 
 class _Place(NamedTuple):
@@ -49,26 +53,26 @@ def placed(
     voltages: Mapping[int, float],
     case: RawCase,
     buses: Mapping[int, Row],
+    notes: list[str | Note],
 ) -> Placed:
     """Rows of all units, so that the power flow stays what it was with machines at their buses."""
-    rows, places = Placed([], [], [], [], [], []), list[_Place]()
+    rows, places = Placed([], [], [], [], [], [], []), list[_Place]()
     for unit in listed:
         terminal, record = terminals[unit.name], unit.row
         if unit.name in dynamics.currents:
-            power = -terminal.power * case.base_power
-            shape = {"P_fractions": CURRENT, "Q_fractions": CURRENT}
-            row = {"name": f"current_{unit.name}", "bus": f"B{unit.bus}", "P": power.real, "Q": power.imag}
-            rows.loads.append(row | shape)
+            rows.loads.append(_current(unit, f"B{unit.bus}", terminal.power * case.base_power))
             continue
         place = _Place(unit, f"B{unit.bus}", terminal, behind=False)
         if record["XT"] or record["RT"]:
             place = _step_up(place, case, rows)
         if unit.name in dynamics.sources:
             _add_source(place, case, rows)
+        elif unit.name in dynamics.devices:
+            _add_device(place, dynamics, case, rows, notes)
         else:
             places.append(place)
     if not places and not rows.infinite_buses:
-        count = f"{len(listed)} given that become constant currents"
+        count = f"{len(listed)} given that become {'devices or ' if rows.devices else ''}constant currents"
         raise InputError(f"generator: {count}; allowed: at least one machine or infinite source among them")
     slack = None if rows.infinite_buses else _slack(places, buses)
     together = [place.bus for place in places]
@@ -76,12 +80,18 @@ def placed(
         unit, base = place.unit, case.base_power
         V = abs(place.terminal.voltage) if place.behind else voltages[unit.bus]
         power = place.terminal.power * base
-        row = {"name": unit.name, "bus": place.bus, "area": f"area_{int(buses[unit.bus]['AREA'])}"}
+        row: Row = {"name": unit.name, "bus": place.bus, "area": f"area_{int(buses[unit.bus]['AREA'])}"}
         dispatch = {"slack": True, "angle": place.terminal.angle} if place is slack else {"P": power.real}
         shared = {"Q": power.imag} if together.count(place.bus) > 1 else {}
         row |= {"rating": unit.rating, "V": V} | dispatch | shared | dynamics.machines[unit.name]
         rows.machines.append(row)
     return rows
+
+
+def _current(unit: Unit, bus: str, power: complex) -> Row:
+    """A constant current that gives a power, MVA."""
+    row: Row = {"name": f"current_{unit.name}", "bus": bus, "P": -power.real, "Q": -power.imag}
+    return row | {"P_fractions": CURRENT, "Q_fractions": CURRENT}
 
 
 def _slack(places: Sequence[_Place], buses: Mapping[int, Row]) -> _Place:
@@ -110,3 +120,15 @@ def _add_source(place: _Place, case: RawCase, rows: Placed) -> None:
     rows.buses.append({"name": name, "nominal_voltage": 1.0})
     rows.lines.append({"name": f"line_{name}", "from": place.bus, "to": name, "r": z.real, "x": z.imag})
     rows.infinite_buses.append({"name": unit.name, "bus": name, "V": abs(inner.voltage), "angle": inner.angle})
+
+
+def _add_device(place: _Place, dynamics: Dynamics, case: RawCase, rows: Placed, notes: list[str | Note]) -> None:
+    """Add a device that gives the unit's reactive power, and a constant current for active power."""
+    unit, power = place.unit, place.terminal.power * case.base_power
+    row = {"name": unit.name, "bus": place.bus, "Q": power.imag} | dynamics.devices[unit.name]
+    origin = dynamics.origins["devices", unit.name]
+    rows.devices.append(at_rest(row, abs(place.terminal.voltage), origin, notes))
+    if abs(power.real) > NOTHING:
+        rows.loads.append(_current(unit, place.bus, complex(power.real)))
+        alone, common = f"gives {power.real:.4g} MW: a constant current", "generators of devices give active power"
+        notes.append(Note(f"{origin}: {alone}", f"{common}: constant currents", "generators", unit.name))

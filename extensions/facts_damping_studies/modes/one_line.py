@@ -173,7 +173,7 @@ def _devices(axes: Axes, system: System, installed: Sequence[str], at: Places) -
     """Draw series devices between their buses, links as lines, others at their bus; installed ones are filled."""
     marks = []
     for d in system.devices:
-        there = d.name in installed
+        there = d.permanent or d.name in installed
         label = f"{d.name} ({d.kind}{'' if there else ', not installed'})"
         if isinstance(d, Transmission):
             axes.plot(*np.transpose([at[bus] for bus in d.buses]), **LINK, zorder=2)

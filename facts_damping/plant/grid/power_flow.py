@@ -75,14 +75,13 @@ class PowerFlow:
 def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     """Solve for all bus voltages before the first event.
 
-    An installed series device with losses is a series resistance; a parallel device draws its power at rest; an HVDC
-    link carries its power whether installed or not. Since the first two depend on |I| and |V|, the power flow is
+    An installed series device with losses is a series resistance; a parallel device draws its power at rest, a
+    permanent one whether installed or not. Since the first two depend on |I| and |V|, the power flow is
     repeated until they converge.
     """
     series = network.series_devices(system)
-    parallel = [
-        d for d in system.devices if isinstance(d, Transmission) or (isinstance(d, Parallel) and d.name in installed)
-    ]
+    present = [d for d in system.devices if d.permanent or d.name in installed]
+    parallel = [d for d in present if isinstance(d, Parallel | Transmission)]
     losses = {device.name: 0.0 for device in series}
     draws = {d.name: consumed_power(d, [1.0] * len(d.buses), system.base_power) for d in parallel}
     change = 0.0
