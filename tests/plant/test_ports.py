@@ -85,6 +85,8 @@ BESS = {
     "E_rated": 10.0,
     "K": 0.6,
 }
+COMPENSATOR = {"name": "csvgn1", "kind": "csvgn1", "bus": "B6", "MBASE": 200.0, "CBASE": 80.0, "Q": 20.0, "K": 20.0}
+COMPENSATOR |= {"T3": 0.1, "T5": 0.01}
 
 # What a machine may be beside the shipped one: salient in the stator, saturated, with fewer circuits.
 MACHINES: list[dict[str, Any]] = [
@@ -291,12 +293,13 @@ def of_all_kinds() -> Built:
     machines = [{**m.model_dump(), "Xq2": 0.22 if m.name == "G3" else 0.25} for m in system.machines]
     mixed = {"impedance": 0.2, "current": 0.5, "power": 0.3}
     loads = [{**load.model_dump(), "P_fractions": mixed, "Q_fractions": {"power": 1.0}} for load in system.loads]
-    devices = [*(d.model_dump(by_alias=True) for d in system.devices), SVC, HVDC, MODULATION, BESS, TCSC, INPUT]
+    added = SVC, HVDC, MODULATION, BESS, TCSC, INPUT, COMPENSATOR
+    devices = [*(d.model_dump(by_alias=True) for d in system.devices), *added]
     names = [device["name"] for device in devices]
     return plant(place(changed(system, machines=machines, loads=loads, devices=devices)), installed=names)
 
 
-@pytest.mark.parametrize("p", range(11))
+@pytest.mark.parametrize("p", range(12))
 @settings(deadline=None, max_examples=80)
 @given(
     magnitude=st.one_of(st.floats(0.05, 9.9), st.floats(10.1, 15)),  # below and above the SSSC's rated current
@@ -311,7 +314,7 @@ def test_slopes_of_every_port_are_those_of_its_law(
     built = of_all_kinds()
     assert set(built.plant.ports["kind"]) == {SALIENT, LOAD, DEVICE, OTHER_END}
     assert set(built.plant.devices["kind"]) == set(range(len(KINDS)))
-    assert len(built.plant.ports) == 11
+    assert len(built.plant.ports) == 12
     work, x = workspace(built.plant, built.state), np.array(built.state.x)
     for name, value in zip(("sssc.x_ac", "sssc.vdc", "statcom.iq", "svc.B"), moved, strict=True):
         x[built.state_names.index(name)] += value
