@@ -100,7 +100,7 @@ def balance() -> ValidationTable:
             what = f"{name}: energy balance error, with {np.ptp(stored):.1e} p.u. s stored"
             what += f", DC losses g = {g:g} p.u." if g else ""
             rows.append(within(what, "p.u. s", received - (stored[-1] - stored[0]), 1e-7))
-    title = "Energy of the converters of two_area over 0.5 s, from an uncharged DC link and a step of both setpoints"
+    title = "Energy of the converters of two_area over 0.5 s"
     return ValidationTable(title, "conservation", "", rows)
 
 

@@ -24,13 +24,11 @@ NEEDED = {
 class Machine(ParameterModel):
     """A synchronous [machine](machines.md): its bus, its operating point and its data, on its own rating.
 
-    The model `classical` needs `Xd1`. `two_axis` needs `Xd`, `Xd1`, `Td01` and `Xq`; `cascade` needs these and `Xd2`,
-    `Td02`, `Xq2` and `Tq02`; `genrou` and `gensal` need all of these and `Xl`. All but `classical` and `gensal` take
-    `Xq1` and `Tq01`, both or neither; without them the machine has salient poles. Subtransient reactances must not
-    exceed transient ones, nor transient ones the synchronous ones, and `Xl` must be the smallest.
+    There is what each model needs. Without `Xq1` and `Tq01` it has salient poles. Subtransient reactances must not exceed
+    transient ones, nor these the synchronous ones, and `Xl` must be the smallest.
 
     Exactly one machine is the slack, or none in a system with an infinite bus. Machines at the same bus hold the same
-    voltage; their reactive powers are in proportion to their ratings. A bus with an infinite bus has no machine.
+    voltage. A bus with an infinite bus has no machine.
     """
 
     name: Name = Field(..., description="name, unique among the machines")
@@ -58,8 +56,7 @@ class Machine(ParameterModel):
     )
     speed_torque: bool = Field(
         False,
-        description="true: the speed divides the turbine's power, whose torque is (P - D w)/(1 + w), as in PSS/E; "
-        "false: this power is a torque",
+        description="true: the turbine's torque is (P - D w)/(1 + w), as in PSS/E; false: its power is a torque",
     )
     Xl: float | None = quantity(None, "p.u.", "leakage reactance", ge=0, le=2)
     Xd: float | None = quantity(None, "p.u.", "d-axis synchronous reactance", gt=0, le=10)
