@@ -23,7 +23,8 @@ a model is added. Time constants (`T...`) are in s, all else is in p.u. or a cod
 
 A line of a diagram is a block: what goes in, its transfer function, what it gives. `[low .. high]` are limits. Signals
 from the machine, in p.u. of its rating: `Vt` terminal voltage, `omega` speed deviation, `Pe` electrical power, `Pa`
-accelerating power, `Ifd` field current; `Vref`, `Pref` references, `Vs` a stabiliser's output.
+accelerating power, `Ifd` field current, `Vt0` terminal voltage at the start; `Vref`,
+`Pref` references, `Vs` a stabiliser's output.
 """
 # Transfer functions by kind, with the constants of the block.
 FORMS = {

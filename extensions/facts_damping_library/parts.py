@@ -48,14 +48,9 @@ def ac_exciter() -> tuple[Block, ...]:
     )
 
 
-def pss_output(limited: str) -> Block:
-    """The output of a stabiliser, cut off while the terminal voltage is not between VCL and VCU; 0: no such bound."""
-    return Block(
-        "Vs",
-        "window",
-        f"Vt + {limited} + none",
-        (lambda f: f.VCL if f.VCL > 0.0 else -inf, lambda f: f.VCU if f.VCU > 0.0 else inf),
-    )
+def pss_output(limited: str, voltage: str = "Vt") -> Block:
+    """The output of a stabiliser, cut off while a voltage is not between VCL and VCU; 0: no such bound."""
+    return Block("Vs", "window", f"{voltage} + {limited} + none", (lambda f: f.VCL or -inf, lambda f: f.VCU or inf))
 
 
 def two_inputs(sections: str, *, limited: bool = False) -> tuple[Block, ...]:

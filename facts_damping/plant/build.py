@@ -235,7 +235,7 @@ def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> 
     v, i = (complex(phasor) for phasor in times([voltage, current], rect(1.0, math.pi / 2 - float(start.states[0]))))
     power = v.real * i.real + v.imag * i.imag
     sensed = {"Vt": magnitude(v), "Pe": power, "Pa": start.power - power, "Ifd": start.field_voltage, "Pm": start.power}
-    return sensed | {"Vd": v.real, "Vq": v.imag, "Id": i.real, "Iq": i.imag}
+    return sensed | {"Vd": v.real, "Vq": v.imag, "Id": i.real, "Iq": i.imag, "Vt0": magnitude(v)}
 
 
 def limit_violations(system: System) -> list[block_controls.LimitViolation]:
@@ -265,6 +265,9 @@ def _add_blocks(
         row["Vref"] = rest.reference
     elif role == "governor":
         row["power_offset"] = rest.reference - seen["Pm"]
+    else:  # an unwashed input gives an output at rest, too
+        row["Vt0"], seen["Vs"] = seen["Vt0"], rest.gives
+        rotating.exciters[g]["Vref"] -= rest.gives
     rotating.blocks.append(rows)
     states.add(data.machine, control.states, rest.states)
     return rest.violations

@@ -217,7 +217,7 @@ def move_controls(
         s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, magnitude(seen), omega, ifd
         s[VD], s[VQ], s[ID], s[IQ] = seen.real, seen.imag, current.real, current.imag
         s[VC], s[PE] = magnitude(seen + c.compensation * current), (seen * current.conjugate()).real
-        s[VREF], s[PREF] = c.Vref, asked + c.power_offset
+        s[VREF], s[PREF], s[blocks.VT0] = c.Vref, asked + c.power_offset, c.Vt0
         if c.governor_end > c.governor_first:
             driven = _given(plant, c.governor_first, c.governor_end, c.governor_gives, x, dx, work) + forced
         s[PA] = driven - s[PE]

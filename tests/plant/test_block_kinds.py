@@ -17,7 +17,7 @@ from facts_damping.plant.machines import block_controls, blocks
 from facts_damping.plant.machines.blocks import SENSED
 from facts_damping.plant.model import workspace
 from tests.plant.running import shipped
-from tests.plant.test_blocks import FIELD, VOLTAGE, at_rest, control_of, ieeest, response, sensed
+from tests.plant.test_blocks import FIELD, POWER, VOLTAGE, at_rest, control_of, ieeest, response, sensed
 
 
 class Moved:
@@ -99,19 +99,49 @@ def test_bridge_without_negative_current_leaves_the_field_to_its_crowbar() -> No
         assert moved("Efd", Ifd=-0.4) == pytest.approx(field_voltage)
 
 
-@pytest.mark.parametrize("model", ["IEEEST", "ST2CUT"])
 @pytest.mark.parametrize(
-    ("VCL", "VCU", "passed"),
-    [(0.9, 1.1, (False, True, False)), (0.0, 1.1, (True, True, False)), (0.0, 0.0, (True,) * 3)],
+    ("model", "VCL", "VCU", "passed"),
+    [
+        ("IEEEST", 0.9, 1.1, (False, True, False)),
+        ("IEEEST", 0.0, 1.1, (True, True, False)),
+        ("IEEEST", 0.0, 0.0, (True,) * 3),
+        ("ST2CUT", -0.15, 0.1, (False, True, False)),
+        ("ST2CUT", -0.25, 0.1, (True, True, False)),
+        ("ST2CUT", 0.0, 0.0, (True,) * 3),
+    ],
 )
 def test_stabiliser_gives_nothing_outside_its_range_of_voltage(
     model: str, VCL: float, VCU: float, passed: tuple[bool, ...]
 ) -> None:
-    moved = Moved(control_of(model, VCL=VCL, VCU=VCU))
+    """That of ST2CUT is about the voltage at the start, VCL < Vt - Vt0 < VCU (PSS/E; ANDES has the same)."""
+    moved = Moved(control_of(model, VCL=VCL, VCU=VCU), Vt0=VOLTAGE)
     limited = moved("limited", omega=0.003)
     assert limited != 0.0
     for voltage, whether in zip((0.8, 1.0, 1.2), passed, strict=True):
         assert moved("Vs", Vt=voltage, omega=0.003) == (limited if whether else 0.0)
+
+
+def test_washout_of_st2cut_without_a_numerator_is_a_lag() -> None:
+    """1 / (1 + s T4), as PSS/E has it of IEE2ST, too (OpenIPSL); its output at rest is not zero then."""
+    data, s = control_of("ST2CUT", T3=0.0), 2j
+    washed = control_of("ST2CUT")
+    assert response(data, "omega", s) == pytest.approx(response(washed, "omega", s) / (washed.T3 * s))
+    assert at_rest(data)[1].gives == pytest.approx(data.K2 * POWER)
+    assert at_rest(washed)[1].gives == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("exciter", [{"model": "SEXS"}, {"model": "static", "KA": 200, "TR": 0.01}])
+def test_system_is_at_rest_where_the_input_of_a_stabiliser_is_not_washed_out(exciter: dict[str, Any]) -> None:
+    """IEEEST with T6 = 0 passes the electrical power on; references make up for it."""
+    sexs = {"TATB": 0.1, "TB": 10, "K": 100, "TE": 0.05, "EMIN": -4, "EMAX": 5}
+    control = {"machine": "G2"} | exciter | (sexs if exciter["model"] == "SEXS" else {})
+    stabiliser = control_of("IEEEST", IC=3.0, T5=0.0, T6=0.0, KS=0.1).model_dump() | {"machine": "G2"}
+    content = shipped("kundur_12_6").model_dump(by_alias=True, exclude_none=True)
+    system = System.model_validate(content | {"exciters": [control], "stabilisers": [stabiliser]})
+    plant, state, _, _ = build(system, [], [])
+    dx = np.ones_like(state.x)
+    derivatives(plant, state.x, np.zeros(0), state.source, 0, dx, workspace(plant, state))
+    assert np.abs(dx).max() < 1e-9
 
 
 def test_power_switches_pss2c_with_hysteresis() -> None:

@@ -236,10 +236,11 @@ class LimitViolation(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """Steady state of a control: its states, the reference, and the limits that exclude it."""
+    """Steady state of a control: its states, the reference, what it gives, and the limits that exclude it."""
 
     states: NDArray[np.float64]
     reference: float
+    gives: float
     violations: list[LimitViolation]
 
 
@@ -283,7 +284,8 @@ def at_rest(
             break
     else:
         raise InputError(f"{data.model} of {data.machine}: no steady state found at the start")
-    return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _violations(block_control, data, s))
+    solved = float(z[n]) if reference is not None else 0.0
+    return Rest(z[:n], solved, float(s[at + output]), _violations(block_control, data, s))
 
 
 def _zero(f: Callable[[Float1], Float1], z: Float1) -> Float1 | None:

@@ -17,8 +17,8 @@ from facts_damping.compiling.structs import Array, Float1
 from facts_damping.elementary import exp, magnitude
 
 # Input signals of blocks from a machine, p.u. of the rating; the blocks' own signals follow.
-SENSED = ("one", "none", "Vt", "omega", "Pe", "Pa", "Vref", "Pref", "Vs", "Ifd", "Vd", "Vq", "Id", "Iq", "Vc")
-ONE, NONE, VT, OMEGA, PE, PA, VREF, PREF, VS, IFD, VD, VQ, ID, IQ, VC = range(len(SENSED))
+SENSED = ("one", "none", "Vt", "omega", "Pe", "Pa", "Vref", "Pref", "Vs", "Ifd", "Vd", "Vq", "Id", "Iq", "Vc", "Vt0")
+ONE, NONE, VT, OMEGA, PE, PA, VREF, PREF, VS, IFD, VD, VQ, ID, IQ, VC, VT0 = range(len(SENSED))
 
 ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
 
@@ -74,6 +74,7 @@ CONTROLS = np.dtype(
     [
         *((f"{role}_{end}", "i8") for role in ROLES for end in ("first", "end", "gives")),
         ("Vref", "f8"),
+        ("Vt0", "f8"),  # p.u., terminal voltage at the start
         ("compensation", "c16"),  # p.u. of the rating; the exciter sees |Vt + compensation It|, the signal Vc
         ("power_offset", "f8"),  # p.u. of the rating, power reference minus the requested power
     ]
