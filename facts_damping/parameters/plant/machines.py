@@ -24,8 +24,8 @@ NEEDED = {
 class Machine(ParameterModel):
     """A synchronous [machine](machines.md): its bus, its operating point and its data, on its own rating.
 
-    There is what each model needs. Without `Xq1` and `Tq01` it has salient poles. Subtransient reactances must not exceed
-    transient ones, nor these the synchronous ones, and `Xl` must be the smallest.
+    There is what each model needs. Without `Xq1` and `Tq01` it has salient poles. Subtransient reactances must not
+    exceed transient ones, nor these the synchronous ones, and `Xl` must be the smallest.
 
     Exactly one machine is the slack, or none in a system with an infinite bus. Machines at the same bus hold the same
     voltage. A bus with an infinite bus has no machine.
