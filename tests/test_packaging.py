@@ -117,7 +117,7 @@ from importlib.metadata import distribution
 import sys
 for point in distribution("facts_damping").entry_points:
     found = point.load()
-    module = getattr(found, "__module__", getattr(found, "__name__", ""))
+    module = getattr(found, "__module__", getattr(found, "__name__", point.module))
     print(point.group, point.name, sys.modules[module].__file__)
 """
     output = run_installed(install, "facts_damping/share/facts_damping/package.bash", code)  # its own paths alone
