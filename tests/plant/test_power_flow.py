@@ -53,6 +53,17 @@ def test_rows_of_buses_add_up(name: str) -> None:
     assert 0 < losses < 0.05 * sum(power.real for power in flow.generation.values() if power.real > 0) * 100
 
 
+@pytest.mark.parametrize("turn", [30.0, 150.0, 180.0, -150.0])
+def test_vector_groups_of_transformers_turn_their_machines_alone(turn: float) -> None:
+    """A machine behind a transformer of group 1, 5 or 6 has the same voltage and power, at another angle."""
+    system = shipped("kundur_12_6")
+    rows = [t.model_dump(by_alias=True) | {"phase_shift": turn} for t in system.transformers]
+    plain, turned = solve(system), solve(changed(system, transformers=rows))
+    at = [plain.names.index(m.bus) for m in system.machines]
+    shift = np.where(np.isin(np.arange(len(plain.names)), at), 0.0, -np.deg2rad(turn))  # the slack's angle is held
+    np.testing.assert_allclose(turned.voltage, plain.voltage * np.exp(1j * shift), rtol=0, atol=1e-8)
+
+
 def test_load_beyond_what_the_grid_carries_is_refused() -> None:
     system = shipped("kundur_12_6")
     loads = [{**load.model_dump(), "P": load.P * 3} for load in system.loads]

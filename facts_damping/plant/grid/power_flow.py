@@ -186,10 +186,11 @@ def _converged(
     linear power flow. Raises `InputError` if it does not converge then.
     """
     magnitude, angle = start
+    turned = _turned(system, names)
     with np.errstate(all="ignore"):  # the mismatch shows divergence
         for flow in (0.0, 1.0):
             active = flow * _balanced((scheduled - demand(system, names, magnitude)[0]).real)
-            begin = magnitude.copy(), _initial_angles(matrix, angle, free[0], active)
+            begin = magnitude.copy(), _initial_angles(matrix, angle, free[0], active + turned)
             voltage, residual = _newton(matrix, scheduled, lambda m: demand(system, names, m), begin, *free)
             if residual < TOLERANCE:
                 return voltage, residual
@@ -233,6 +234,16 @@ def _balanced(active: Float1) -> Float1:
     generated = np.maximum(active, 0.0)
     excess: float = active.sum() / max(float(generated.sum()), STRAY)
     return active - generated * excess
+
+
+def _turned(system: System, names: list[str]) -> Float1:
+    """Power into each bus, p.u., of a linear power flow with the turns of phase shifters instead of these."""
+    into, index = np.zeros(len(names)), {name: i for i, name in enumerate(names)}
+    for t in (t for t in system.transformers if t.phase_shift):
+        size = float(magnitudes(network.transformer_section(t, system.base_power)[0, 1]))
+        into[index[t.from_bus]] += size * np.deg2rad(t.phase_shift)
+        into[index[t.to_bus]] -= size * np.deg2rad(t.phase_shift)
+    return into
 
 
 def _initial_angles(matrix: Triplets, angle: Float1, free: Int1, active: Float1) -> Float1:
