@@ -33,7 +33,7 @@ def equal_voltages(system: System, other: System) -> None:
 
 
 def test_infinite_source_stands_behind_its_impedance(tmp_path: Path) -> None:
-    """GENCLS with H = 0; E = V + ZSORCE conj(S / V), ZSORCE in p.u. of MBASE."""
+    """GENCLS with H = 0; E = V + ZSORCE conj(S / V), ZSORCE in p.u. of MBASE. It is no place of a series device."""
     generator = r"^   101,'1 ',(.*),     0,   100.000, 0.00000E\+0, 1.00000E-5,"
     raw, count = re.subn(generator, r"   101,'1 ',\1,0,500,0.01,0.2,", THREE_BUSES.read_text(), flags=re.MULTILINE)
     assert count == 1
@@ -47,9 +47,11 @@ def test_infinite_source_stands_behind_its_impedance(tmp_path: Path) -> None:
     E = V + z * np.conj(S / V)
     (source,) = system.infinite_buses
     assert source.V * np.exp(1j * np.radians(source.angle)) == pytest.approx(E, abs=1e-9)
-    (line,) = [line for line in system.lines if line.to_bus == source.bus]
-    assert line.from_bus == "B101"
-    assert complex(line.r, line.x) == pytest.approx(z)
+    (impedance,) = system.transformers
+    assert (impedance.from_bus, impedance.to_bus, impedance.rating) == ("B101", source.bus, 500)
+    assert complex(impedance.r, impedance.x) == pytest.approx(5 * z)
+    assert {line.name for line in system.lines} == {"line_101_102", "line_101_103", "line_102_103"}
+    assert {bus.nominal_voltage for bus in system.buses} == {138}
     assert [(machine.name, machine.slack) for machine in system.machines] == [("G102", False)]
 
 

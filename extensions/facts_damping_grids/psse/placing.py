@@ -1,7 +1,8 @@
 """Units of a case as rows of a system, at their place in the solved power flow.
 
-A machine stands at its bus, or behind its step-up transformer. An infinite source is an infinite bus behind a line of
-its impedance ZSORCE. A constant current is a load of negative power. A device gives its reactive power at the start.
+A machine stands at its bus, or behind its step-up transformer. An infinite source is an infinite bus behind its
+impedance ZSORCE: a transformer, as no line of the grid is there, at which a device could be placed. A constant current
+is a load of negative power. A device gives its reactive power at the start.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from facts_damping_grids.psse.reading import RawCase
     from facts_damping_grids.psse.records import Row
 
-LEAST_REACTANCE = 1e-6  # p.u. of the system base, of an infinite source without one
+LEAST_REACTANCE = 1e-6  # p.u. of the rating, of an infinite source without one
 CURRENT = {"current": 1}
 NOTHING = 1e-6  # MW
 
@@ -29,7 +30,6 @@ class Placed(NamedTuple):
     """Rows by table of a system."""
 
     buses: list[Row]
-    lines: list[Row]
     transformers: list[Row]
     loads: list[Row]
     infinite_buses: list[Row]
@@ -56,7 +56,7 @@ def placed(
     notes: list[str | Note],
 ) -> Placed:
     """Rows of all units, so that the power flow stays what it was with machines at their buses."""
-    rows, places = Placed([], [], [], [], [], [], []), list[_Place]()
+    rows, places = Placed([], [], [], [], [], []), list[_Place]()
     for unit in listed:
         terminal, record = terminals[unit.name], unit.row
         if unit.name in dynamics.currents:
@@ -66,7 +66,7 @@ def placed(
         if record["XT"] or record["RT"]:
             place = _step_up(place, case, rows)
         if unit.name in dynamics.sources:
-            _add_source(place, case, rows)
+            _add_source(place, case, rows, 1.0 if place.behind else buses[unit.bus]["BASKV"] or 1.0)
         elif unit.name in dynamics.devices:
             _add_device(place, dynamics, case, rows, notes)
         else:
@@ -111,14 +111,13 @@ def _step_up(place: _Place, case: RawCase, rows: Placed) -> _Place:
     return _Place(unit, bus, place.terminal.behind(z, tap), behind=True)
 
 
-def _add_source(place: _Place, case: RawCase, rows: Placed) -> None:
+def _add_source(place: _Place, case: RawCase, rows: Placed, nominal_voltage: float) -> None:
     """Add a constant voltage behind ZSORCE = ZR + j ZX, p.u. of MBASE: E = V + ZSORCE conj(S / V)."""
-    unit, record = place.unit, place.unit.row
-    z = complex(record["ZR"], record["ZX"]) * case.base_power / unit.rating
-    z = complex(z.real, z.imag or LEAST_REACTANCE)
-    inner, name = place.terminal.behind(z), f"{unit.name}_source"
-    rows.buses.append({"name": name, "nominal_voltage": 1.0})
-    rows.lines.append({"name": f"line_{name}", "from": place.bus, "to": name, "r": z.real, "x": z.imag})
+    unit, z = place.unit, complex(place.unit.row["ZR"], place.unit.row["ZX"] or LEAST_REACTANCE)
+    inner, name = place.terminal.behind(z * case.base_power / unit.rating), f"{unit.name}_source"
+    rows.buses.append({"name": name, "nominal_voltage": nominal_voltage})
+    ends = {"name": f"ZSORCE_{unit.name}", "from": place.bus, "to": name, "rating": unit.rating}
+    rows.transformers.append(ends | {"r": z.real, "x": z.imag})
     rows.infinite_buses.append({"name": unit.name, "bus": name, "V": abs(inner.voltage), "angle": inner.angle})
 
 
