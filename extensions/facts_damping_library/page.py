@@ -73,6 +73,8 @@ def _about(name: str, model: Model) -> Iterator[str]:
         yield f"\n{text}"
     ignored = f" Without effect here: {model.ignored.replace(' ', ', ')}." if model.ignored else ""
     yield f"\nFields: {' '.join(f'`{field}`' for field in model.fields.split())}.{ignored}"
+    if model.approximations:
+        yield f"\nOtherwise than in the library where fields ask for it: {'; '.join(model.approximations)}."
     yield f"\n```text\n{chr(10).join(diagram(model))}\n```"
 
 

@@ -48,6 +48,18 @@ def ac_exciter() -> tuple[Block, ...]:
     )
 
 
+def _sees(f: Any, code: float, bus: float = 0.0) -> bool:
+    """Whether one of a stabiliser's inputs has a code, and is of a bus that is numbered from `bus` on."""
+    inputs = ((f.IC, f.IB), (getattr(f, "IC2", 0.0), getattr(f, "IB2", 0.0)))
+    return any(here == code and at >= bus for here, at in inputs)
+
+
+OTHER_INPUTS: dict[str, Callable[[Any], bool]] = {
+    "the speed of the machine stands for the frequency of a bus": lambda f: _sees(f, 2.0),
+    "the voltage of the machine stands for that of another bus": lambda f: _sees(f, 5.0, bus=1.0),
+}
+
+
 def pss_output(limited: str, voltage: str = "Vt") -> Block:
     """The output of a stabiliser, cut off while a voltage is not between VCL and VCU; 0: no such bound."""
     return Block("Vs", "window", f"{voltage} + {limited} + none", (lambda f: f.VCL or -inf, lambda f: f.VCU or inf))

@@ -27,7 +27,9 @@ STEAM_FACTORS: dict[str, Callable[[Any], float]] = {
     "K56": lambda f: f.K5 + f.K6,
     "K78": lambda f: f.K7 + f.K8,
 }
-
+ONE_SHAFT: dict[str, Callable[[Any], bool]] = {
+    "all its power acts on this machine, none on that at JBUS": lambda f: bool(f.JBUS and f.K2 + f.K4 + f.K6 + f.K8),
+}
 
 # Power of a gate at rest, on the line through (G0, 0), (G1, P1), (G2, P2), (1, P3), which goes on straight.
 GATE = Block("steady", "curve", "gate", ("G0", 0.0, "G1", "P1", "G2", "P2", 1.0, "P3"))

@@ -1,4 +1,4 @@
-"""What a control of a machine is as a table of blocks: the next model is a row in exciters, governors or stabilisers.
+"""What a control of a machine is as a table of blocks: the next model is a row in `facts_damping_library`.
 
 It is data: `plant.block_controls` knows the kinds of blocks. Models of the PSS/E library have its names and order.
 """
@@ -44,6 +44,7 @@ class Model(NamedTuple):
     factors: dict[str, Callable[[Any], float]] = {}  # of inputs, that follow from fields
     record: bool = True  # whether it is one of the PSS/E library's, with fields in the order of a DYR record there
     optional: str = ""  # fields that a system file may leave out: 0
+    approximations: dict[str, Callable[[Any], bool]] = {}  # what is otherwise in the library; whether fields ask for it
 
 
 class Quantity(NamedTuple):

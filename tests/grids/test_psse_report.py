@@ -157,6 +157,72 @@ def test_unusual_constants_are_told_and_taken(tmp_path: Path, capsys: pytest.Cap
     assert {machine.Td02 for machine in system.machines} == {999.0, 0.03}
 
 
+# Controls that act otherwise than in PSS/E
+
+SEXS = "2 'SEXS' 1 0.4 5 20 0.1 -10 10 /\n"
+SHAPED = "0 0 0 0 0 0 0.1 0.02 0.1 0.02 1.65 1.65 3 0.1 -0.1 0 0 /"
+STEAM = "20 0.1 0.05 0.2 1 -1 2 0 0.3 0.3 {K2} 5 0.4 0 0.5 0.2 0 0.15 0.1 0"
+POINTS = "0 0 0 0 0 0 0 0 0 0"
+FREQUENCY = "the speed of the machine stands for the frequency of a bus"
+OTHER_BUS = "the voltage of the machine stands for that of another bus"
+SHAFT = "all its power acts on this machine, none on that at JBUS"
+
+
+@pytest.mark.parametrize(
+    ("records", "said"),
+    [
+        (SEXS + f"2 'IEEEST' 1 1 3 {SHAPED}", ""),
+        (SEXS + f"2 'IEEEST' 1 2 0 {SHAPED}", FREQUENCY),
+        (SEXS + f"2 'IEEEST' 1 5 0 {SHAPED}", ""),
+        (SEXS + f"2 'IEEEST' 1 5 3 {SHAPED}", OTHER_BUS),
+        (SEXS + f"2 'IEEEST' 1 6 0 {SHAPED}", "has an input that is not modelled, IC 6: left out"),
+        (SEXS + "2 'PSS2A' 1 1 0 2 0 5 1 2 2 0 2 0 2 0.3 1 0.5 0.1 10 0.2 0.02 0.2 0.02 1 -1 /", FREQUENCY),
+        (f"2 'IEEEG1' 1 3 1 {STEAM.format(K2=0)} /", ""),
+        (f"2 'IEEEG1' 1 0 0 {STEAM.format(K2=0.2)} /", ""),
+        (f"2 'IEEEG1' 1 3 1 {STEAM.format(K2=0.2)} /", SHAFT),
+        (f"2 'WSIEG1' 1 0 0 {STEAM.format(K2=0)} 0 0 0 {POINTS} 0 /", ""),
+        (f"2 'WSIEG1' 1 0 0 {STEAM.format(K2=0)} 0 0 0.01 {POINTS} 0 /", "its valve has no play DB2"),
+        (f"2 'WSIEG1' 1 0 0 {STEAM.format(K2=0)} 0 0 0 {POINTS} 1 /", "its valve is not blocked as IBLOCK says"),
+    ],
+)
+def test_control_that_acts_otherwise_than_in_psse_is_not_exact(records: str, said: str, tmp_path: Path) -> None:
+    dyr = tmp_path / "case.dyr"
+    kept = "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not re.match(r"2 '(?!GENROU)", line))
+    dyr.write_text(kept + records)
+    case = import_case(RAW, dyr)
+    model = records.split("'")[-2]
+    row = {row.name: row for row in case.records}[model]
+    (inexact,) = case.inexact or [""]
+    assert inexact == (f"case.dyr: line {len((kept + records).splitlines())}: {model}: of G2: {said}" if said else "")
+    assert (row.replaced, row.left_out) == (int(bool(said) and "left" not in said), int("left" in said))
+    assert row.effects == (("swings are less damped" if "left" in said else said,) if said else ())
+
+
+def test_wsieg1_may_end_where_the_rest_is_zero(tmp_path: Path) -> None:
+    """As in public files; JBUS to K5."""
+    dyr = tmp_path / "case.dyr"
+    kept = "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not line.startswith("2 'TGOV1"))
+    dyr.write_text(f"{kept}2 'WSIEG1' 1 0 0 25 0 0 0.1 1 -10 1.01 0 0.3 1 0 0 0 0 0 0 /\n")
+    (governor,) = [row for row in import_case(RAW, dyr).content["governors"] if row["machine"] == "G2"]
+    assert [governor[name] for name in ("K1", "K5", "K6", "T7", "DB1", "PGV5")] == [1, 0, 0, 0, 0, 0]
+
+
+def test_saturation_that_falls_is_replaced_by_none(tmp_path: Path) -> None:
+    text = re.sub(r"(?m)^(2 'GENROU'.*) \S+ \S+ /", r"\1 0.3 0.2 /", DYR.read_text(), count=1)
+    assert text != DYR.read_text()
+    (tmp_path / "case.dyr").write_text(text)
+    case = import_case(RAW, tmp_path / "case.dyr")
+    (said,) = case.inexact
+    assert said.endswith("GENROU: of G2: S(1.2) is not above S(1.0): without saturation")
+
+
+def test_dynamic_data_without_a_record_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "case.dyr").write_text("// nothing\n")
+    assert main(["import", str(RAW), str(tmp_path / "case.dyr")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("case.dyr: no record given; allowed: at least one")
+
+
 def test_gate_that_does_not_admit_the_start_is_widened_like_other_limits(tmp_path: Path) -> None:
     (tmp_path / "case.dyr").write_text(
         DYR.read_text().replace(

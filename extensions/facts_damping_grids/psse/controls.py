@@ -5,10 +5,11 @@ References: PSS/E Model Library (DYR records).
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 from facts_damping.errors import InputError
-from facts_damping.machine_controls.block_models import MODELS, quantity_of
+from facts_damping.machine_controls.block_models import INPUTS, MODELS, quantity_of
 from facts_damping.machine_controls.blocks import SHORTEST, TABLES
 from facts_damping_grids.notes import of_record, where
 from facts_damping_grids.psse.effects import effect_of
@@ -38,6 +39,13 @@ def role_of(model: str) -> str:
     return MODELS[model].role if model in MODELS and MODELS[model].record else ""
 
 
+def unknown_inputs(record: Dynamic) -> list[str]:
+    """The codes of a stabiliser's inputs that are not modelled."""
+    fields = MODELS[record.model].fields.split() if record.model in MODELS else []
+    codes = {name: code for name, code in zip(fields, record.values, strict=False) if name in ("IC", "IC2")}
+    return [f"{name} {code:g}" for name, code in codes.items() if code not in INPUTS]
+
+
 def with_effect(
     records: Sequence[Dynamic], unit: Unit, file: str, notes: list[str | Note], *, classical: bool
 ) -> list[Dynamic]:
@@ -51,6 +59,8 @@ def with_effect(
         role, reason = role_of(record.model), ""
         if not role:
             reason = "is not modelled"
+        elif unknown_inputs(record):
+            reason = f"has an input that is not modelled, {', '.join(unknown_inputs(record))}"
         elif classical and role != "governor":
             reason = "has no effect on GENCLS, whose field is constant"
         elif role in ("stabiliser", "compensator") and not excited:
@@ -92,8 +102,10 @@ def add_control(record: Dynamic, unit: Unit, file: str, controls: dict[str, list
 
 
 def _adapted(row: Row, record: Dynamic, unit: Unit, file: str) -> list[Note]:
-    """Change constants that PSS/E or our blocks take otherwise than as they stand; notes of what was changed."""
-    notes = []
+    """Change constants that PSS/E or our blocks take otherwise than as they stand; notes of what acts otherwise."""
+    asked = MODELS[record.model].approximations.items()
+    texts = [text for text, by_fields in asked if by_fields(SimpleNamespace(**row))]
+    notes = [of_record(record, unit.name, file, text, "replaced", text) for text in texts]
     short = [
         name for name in MODELS[record.model].fields.split() if 0.0 < row[name] < SHORTEST and quantity_of(name).time
     ]

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 LEFT_OUT = {  # what can be otherwise without the records of a section
     "FACTS device": "its control of voltage and power is missing",
     "induction machine": "the power that it draws is missing, and its motion",
-    "impedance correction": "impedances of transformers are those at the taps of the file",
+    "impedance correction": "transformers with a table have the impedance of their record at any tap",
 }
 DC = "the power that it carries is missing, and what it draws at its ends"
 TYPICAL_DATA = "swings, voltages and frequency are those of other machines"

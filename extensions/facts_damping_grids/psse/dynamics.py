@@ -114,7 +114,7 @@ def _without_machine(record: Dynamic, file: str, *, out_of_service: bool) -> Not
     common, element = f"{file}: {record.model}: no machine {state}: left out", f"{record.machine} at bus {record.bus}"
     if out_of_service:
         return Note(alone, common, "records", element, record.model, "idle")
-    return Note(alone, common, "records", element, record.model, "left out", effect_of(record.model))
+    return Note(alone, common, "records", element, record.model, "left out", "nothing: its machine is not there")
 
 
 def _as_current(unit: Unit, records: Sequence[Dynamic], file: str) -> list[Note]:

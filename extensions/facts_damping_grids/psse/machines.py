@@ -20,6 +20,7 @@ SALIENT = "Td01 Td02 Tq02 H D Xd Xq Xd1 Xd2 Xl S10 S12"
 
 
 UNEQUAL = 1e-3  # p.u., difference of reactances
+UNSATURATED = "its field current and its angle are those of a machine without saturation"
 
 
 class MachineModel(NamedTuple):
@@ -60,6 +61,9 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
         notes.append(of_record(record, unit.name, file, text))
     if row["S10"] == 0.0 < row["S12"]:
         notes.append(of_record(record, unit.name, file, "S(1.0) is 0: without saturation, as in PSS/E"))
+    elif row["S12"] <= row["S10"] != 0.0:
+        text = "S(1.2) is not above S(1.0): without saturation"
+        notes.append(of_record(record, unit.name, file, text, "replaced", UNSATURATED))
     if row["S10"] == 0.0 or row["S12"] <= row["S10"]:
         row["S10"] = row["S12"] = 0.0
     elif of_library.saturation != "quadratic":

@@ -226,7 +226,8 @@ def _nameless(record: Row) -> bool:
 def read_dyr(path: Path, problems: list[str] | None = None) -> Dyr:
     """The records of a DYR file; a record without `/` ends where the next one begins on a line.
 
-    A last record that does not end is added to `problems`; without it that is an error, a `ProblemsError`.
+    A last record that does not end, or a file without a record, is added to `problems`; without it that is an error, a
+    `ProblemsError`.
     """
     ended, words, begins = list[tuple[int, list[str]]](), list[str](), 0
     for i, line in enumerate(read_lines(path, "DYR"), 1):
@@ -241,8 +242,10 @@ def read_dyr(path: Path, problems: list[str] | None = None) -> Dyr:
             if ends and words:
                 ended.append((begins, words))
                 words = []
-    if words:
-        problem = f"{path}: line {begins}: {short(' '.join(words[:3]))}: not ended; allowed: a record that `/` ends"
+    if words or not ended:
+        problem = f"{path}: no record given; allowed: at least one"
+        if words:
+            problem = f"{path}: line {begins}: {short(' '.join(words[:3]))}: not ended; allowed: a record that `/` ends"
         if problems is None:
             raise ProblemsError([problem])
         problems.append(problem)

@@ -6,7 +6,7 @@ Source: IEEE Committee Report, Dynamic Models for Steam and Hydro Turbines in Po
 from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import Block, Model
-from facts_damping_library.turbines import STEAM_FACTORS, steam_turbine
+from facts_damping_library.turbines import ONE_SHAFT, STEAM_FACTORS, steam_turbine
 
 ROW = Model(
     "governor",
@@ -19,4 +19,5 @@ ROW = Model(
     ),
     "JBUS JM",
     STEAM_FACTORS,
+    approximations=ONE_SHAFT,
 )

@@ -9,7 +9,7 @@ two the steam is the valve's position. Not modelled: a step or hysteresis of the
 from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import Block, Model
-from facts_damping_library.turbines import STEAM_FACTORS, steam_turbine
+from facts_damping_library.turbines import ONE_SHAFT, STEAM_FACTORS, steam_turbine
 
 POINTS = "GV1 PGV1 GV2 PGV2 GV3 PGV3 GV4 PGV4 GV5 PGV5"
 
@@ -26,4 +26,11 @@ ROW = Model(
     ),
     "JBUS JM ERR DB2 IBLOCK",
     STEAM_FACTORS,
+    optional=f"K6 T7 K7 K8 DB1 ERR DB2 {POINTS} IBLOCK",
+    approximations={
+        **ONE_SHAFT,
+        "its dead band has no step and no hysteresis ERR": lambda f: f.ERR != 0.0,
+        "its valve has no play DB2": lambda f: f.DB2 != 0.0,
+        "its valve is not blocked as IBLOCK says": lambda f: f.IBLOCK != 0.0,
+    },
 )

@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.machine_controls.blocks import Block, Model
-from facts_damping_library.parts import pss_output
+from facts_damping_library.parts import OTHER_INPUTS, pss_output
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,4 +51,5 @@ ROW = Model(
     ),
     "IB",
     optional="VCU VCL",
+    approximations=OTHER_INPUTS,
 )

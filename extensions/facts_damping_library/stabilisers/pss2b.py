@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import Block, Model
-from facts_damping_library.parts import two_inputs
+from facts_damping_library.parts import OTHER_INPUTS, two_inputs
 
 ROW = Model(
     "stabiliser",
@@ -12,4 +12,5 @@ ROW = Model(
     "VSTMIN",
     (*two_inputs("T1/T2 T3/T4 T10/T11", limited=True), Block("Vs", "sum", "L3", (), "VSTMIN", "VSTMAX")),
     "IB IB2",
+    approximations=OTHER_INPUTS,
 )

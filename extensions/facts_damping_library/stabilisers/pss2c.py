@@ -8,7 +8,7 @@ them, at the start on; PSSON below 0: always on. The output follows within `SWIT
 from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import SHORTEST, Block, Model
-from facts_damping_library.parts import two_inputs
+from facts_damping_library.parts import OTHER_INPUTS, two_inputs
 
 SWITCHING = SHORTEST
 
@@ -24,4 +24,5 @@ ROW = Model(
         Block("Vs", "product", "limited + on"),
     ),
     "IB IB2 XCOMP TCOMP",
+    approximations=OTHER_INPUTS,
 )

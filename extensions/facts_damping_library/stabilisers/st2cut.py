@@ -7,7 +7,7 @@ start, or below it by more than -VCL; 0: no such bound.
 from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import Block, Model
-from facts_damping_library.parts import pss_output
+from facts_damping_library.parts import OTHER_INPUTS, pss_output
 
 ROW = Model(
     "stabiliser",
@@ -27,4 +27,5 @@ ROW = Model(
     ),
     "IB IB2",
     optional="VCU VCL",
+    approximations=OTHER_INPUTS,
 )

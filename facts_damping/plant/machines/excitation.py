@@ -1,6 +1,6 @@
 """Excitation systems: constant field voltage, static exciter, IEEE DC1A; the model is selected by a code.
 
-Further ones are tables of blocks: `machine_controls/exciters.py`.
+Further ones are tables of blocks: `machine_controls`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Mechanical power: constant, or a hydraulic turbine with its governor (HYGOV); compiled.
 
-Other governors are rows of `machine_controls/governors.py`.
+Other governors are tables of blocks: `machine_controls`.
 """
 
 from __future__ import annotations
