@@ -9,8 +9,6 @@ from facts_damping.output.tables import some_of
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from facts_damping_grids.psse.reading import Dynamic
-
     Outcome = Literal["", "replaced", "left out", "idle"]
 
 NAMED = 3  # elements of a common note that are named
@@ -30,17 +28,6 @@ class Note(NamedTuple):
     record: str = ""
     outcome: Outcome = ""
     effect: str = ""
-
-
-def of_record(record: Dynamic, machine: str, file: str, text: str, outcome: Outcome = "", effect: str = "") -> Note:
-    """A note on a record of a DYR file, which belongs to a machine."""
-    alone, common = f"{where(record, file)}: of {machine}: {text}", f"{file}: {record.model}: {text}"
-    return Note(alone, common, "machines", machine, record.model, outcome, effect)
-
-
-def where(record: Dynamic, file: str) -> str:
-    """File, line and model of a record, for a message."""
-    return f"{file}: line {record.line}: {record.model}"
 
 
 def note_lines(notes: Iterable[str | Note]) -> list[str]:

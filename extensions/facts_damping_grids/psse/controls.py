@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from facts_damping.errors import InputError
 from facts_damping.machine_controls.block_models import INPUTS, MODELS, quantity_of
 from facts_damping.machine_controls.blocks import SHORTEST, TABLES
-from facts_damping_grids.notes import of_record, where
-from facts_damping_grids.psse.effects import effect_of
+from facts_damping_grids.psse.effects import effect_of, of_record
 from facts_damping_grids.psse.machines import constants
 
 if TYPE_CHECKING:
@@ -86,7 +85,7 @@ def add_control(record: Dynamic, unit: Unit, file: str, controls: dict[str, list
         return "compensators"
     table = "governors" if record.model == "HYGOV" else TABLES[MODELS[record.model].role]
     if any(row["machine"] == unit.name for row in controls[table]):
-        raise InputError(f"{where(record, file)}: {unit.name} has one of the {table} already; allowed: one")
+        raise InputError(f"{record.where(file)}: {unit.name} has one of the {table} already; allowed: one")
     model = MODELS.get(record.model)
     order, optional = (model.fields, model.optional) if model else (HYGOV, "")
     row: Row = {"machine": unit.name, "model": record.model, **constants(record, order, file, optional)}

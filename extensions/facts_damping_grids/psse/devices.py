@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from facts_damping.errors import InputError
 from facts_damping_grids.control_limits import EFFECT, WIDER
-from facts_damping_grids.notes import Note, of_record
+from facts_damping_grids.notes import Note
 from facts_damping_grids.psse.controls import NOT_SEEN
+from facts_damping_grids.psse.effects import of_record
 from facts_damping_grids.psse.machines import constants
 from facts_damping_library.devices.csvgn1 import ROUND_OFF, SHORTEST
 

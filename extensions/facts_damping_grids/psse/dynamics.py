@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.machine_controls.blocks import TABLES
 from facts_damping.output.tables import some_of
 from facts_damping_grids.matpower_conversion import TYPICAL
-from facts_damping_grids.notes import Note, of_record, where
+from facts_damping_grids.notes import Note
 from facts_damping_grids.psse import controls
 from facts_damping_grids.psse.devices import DEVICES, device_of
-from facts_damping_grids.psse.effects import EFFECTS, SOURCE, effect_of, family
+from facts_damping_grids.psse.effects import EFFECTS, SOURCE, effect_of, family, of_record
 from facts_damping_grids.psse.generators import identifier
 from facts_damping_grids.psse.machines import MACHINES, is_source, machine_of
 from facts_damping_grids.psse.reading import Dynamic
@@ -68,20 +68,20 @@ def dynamics_of(
             text = "acts on an infinite source, which stays as it is: left out"
             notes += [of_record(other, unit.name, file, text, "idle") for other in more]
         elif record.model in DEVICES:
-            dynamics.origins["devices", unit.name] = f"{where(record, file)}: of {unit.name}"
+            dynamics.origins["devices", unit.name] = f"{record.where(file)}: of {unit.name}"
             with problems.collected():
                 dynamics.devices[unit.name] = device_of(record, unit, file, notes)
             text = f"does not act on {record.model}: left out"
             notes += [of_record(other, unit.name, file, text, "left out", effect_of(other.model)) for other in more]
         else:
-            dynamics.origins["machines", unit.name] = f"{where(record, file)}: of {unit.name}"
+            dynamics.origins["machines", unit.name] = f"{record.where(file)}: of {unit.name}"
             with problems.collected():
                 dynamics.machines[unit.name] = machine_of(record, unit, file, notes)
             classical = record.model == "GENCLS"
             for other in controls.with_effect(more, unit, file, notes, classical=classical):
                 with problems.collected():
                     table = controls.add_control(other, unit, file, dynamics.controls, notes)
-                    dynamics.origins[table, unit.name] = f"{where(other, file)}: of {unit.name}"
+                    dynamics.origins[table, unit.name] = f"{other.where(file)}: of {unit.name}"
     return dynamics
 
 
@@ -101,7 +101,7 @@ def _by_unit(
             others.setdefault(unit.name, []).append(record)
         elif unit.name in models:
             which = f"machine {record.machine} at bus {record.bus}"
-            problems.add(f"{where(record, file)}: a second model of {which} given; allowed: one")
+            problems.add(f"{record.where(file)}: a second model of {which} given; allowed: one")
         else:
             models[unit.name] = record
     return models, others
@@ -110,7 +110,7 @@ def _by_unit(
 def _without_machine(record: Dynamic, file: str, *, out_of_service: bool) -> Note:
     """The note on a record whose machine is out of service, or not in the case."""
     state = "in service" if out_of_service else "in the case"
-    alone = f"{where(record, file)}: no machine {record.machine} at bus {record.bus} {state}: left out"
+    alone = f"{record.where(file)}: no machine {record.machine} at bus {record.bus} {state}: left out"
     common, element = f"{file}: {record.model}: no machine {state}: left out", f"{record.machine} at bus {record.bus}"
     if out_of_service:
         return Note(alone, common, "records", element, record.model, "idle")

@@ -1,8 +1,15 @@
-"""What it can change that a record is replaced or left out, by what it is for."""
+"""Notes on records of a DYR file, and what it can change that one is replaced or left out, by what it is for."""
 
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
+
+from facts_damping_grids.notes import Note
+
+if TYPE_CHECKING:
+    from facts_damping_grids.notes import Outcome
+    from facts_damping_grids.psse.reading import Dynamic
 
 SOURCE = "no control of voltage, power or frequency, no swing of its own; it keeps its current"
 EFFECTS = {
@@ -38,3 +45,9 @@ def family(model: str) -> str:
 def effect_of(model: str) -> str:
     """What it can change that a model is left out or replaced."""
     return EFFECTS[family(model)]
+
+
+def of_record(record: Dynamic, machine: str, file: str, text: str, outcome: Outcome = "", effect: str = "") -> Note:
+    """A note on a record of a DYR file, which belongs to a machine."""
+    alone, common = f"{record.where(file)}: of {machine}: {text}", f"{file}: {record.model}: {text}"
+    return Note(alone, common, "machines", machine, record.model, outcome, effect)

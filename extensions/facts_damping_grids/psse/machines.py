@@ -8,9 +8,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.errors import InputError
-from facts_damping_grids.notes import Note, of_record, where
+from facts_damping_grids.psse.effects import of_record
 
 if TYPE_CHECKING:
+    from facts_damping_grids.notes import Note
     from facts_damping_grids.psse.generators import Unit
     from facts_damping_grids.psse.reading import Dynamic
     from facts_damping_grids.psse.records import Row
@@ -52,7 +53,7 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
     row |= constants(record, of_library.order, file)
     if row["H"] <= 0.0:
         allowed = "above 0" if record.model != "GENCLS" else "above 0, or 0 for an infinite source"
-        raise InputError(f"{where(record, file)}: H = {row['H']:g} given; allowed: {allowed}")
+        raise InputError(f"{record.where(file)}: H = {row['H']:g} given; allowed: {allowed}")
     if of_library.model == "classical":
         return row | {"Xd1": unit.row["ZX"]}
     row["Xq2"] = row["Xd2"]
@@ -75,11 +76,11 @@ def constants(record: Dynamic, order: str, file: str, optional: str = "") -> dic
     """The constants of a record by their names; of `optional` ones those at its end may be missing: 0."""
     names, missing = order.split(), optional.split()
     if record.unreadable:
-        raise InputError(f"{where(record, file)}: {record.unreadable}")
+        raise InputError(f"{record.where(file)}: {record.unreadable}")
     needed = len(names)
     while needed and names[needed - 1] in missing:
         needed -= 1
     if len(record.values) < needed:
         count = f"{len(record.values)} constants given; allowed: {len(names)}, {order}"
-        raise InputError(f"{where(record, file)}: {count}")
+        raise InputError(f"{record.where(file)}: {count}")
     return dict.fromkeys(names, 0.0) | dict(zip(names, record.values, strict=False))

@@ -80,6 +80,10 @@ class Dynamic(NamedTuple):
     values: tuple[float, ...]
     unreadable: str = ""
 
+    def where(self, file: str) -> str:
+        """File, line and model, for a message."""
+        return f"{file}: line {self.line}: {self.model}"
+
 
 class Dyr(NamedTuple):
     """The records of machines, and other ones: line and beginning."""
