@@ -22,7 +22,8 @@ DC_FIELDS = "TR KA TA TB TC VRMAX VRMIN KE TE KF TF1 SWITCH E1 SE1 E2 SE2"
 def dc_exciter(limited_by: str, gives: str = "Efd") -> tuple[Block, ...]:
     """IEEE type DC1 (limits constant) and DC2 (limits in proportion to the terminal voltage).
 
-    TE dEfd = VR - KE Efd - SE(Efd) Efd; with KE 0, KE is -SE at the start, so that VR is 0 there, as in PSS/E.
+    TE dEfd = VR - KE Efd - SE(Efd) Efd. With KE 0, KE is VRMAX / (10 Efd) - SE(Efd) at the start, so that VR is a tenth
+    of VRMAX there (PSS/E Program Application Guide, volume 2, 15.2.4, as OpenIPSL cites it).
     """
     return (
         VOLTAGE_SEEN,

@@ -251,7 +251,7 @@ def _add_blocks(
     wanted, reference = {"exciter": ("Ifd", "Vref"), "governor": ("Pm", "Pref")}.get(role, (None, None))
     sensed, row = {name: value for name, value in seen.items() if name in blocks.SENSED}, rotating.controls[g]
     if role == "exciter":
-        control = block_controls.self_excited(control, seen["Ifd"])
+        control = block_controls.self_excited(control, data, seen["Ifd"])
         row["compensation"] = complex(data.RC, data.XC)
         added = times(row["compensation"], complex(seen["Id"], seen["Iq"]))
         sensed["Vc"] = magnitude(complex(seen["Vd"], seen["Vq"]) + complex(added))

@@ -192,12 +192,16 @@ def test_saturation_goes_through_both_points_in_any_order(points: tuple[float, .
 
 
 @pytest.mark.parametrize("model", ["IEEET1", "IEEEX1", "EXDC1", "EXDC2", "ESDC2A", "IEEET2"])
-def test_self_excited_exciter_with_KE_of_0_starts_without_its_regulator(model: str) -> None:
-    data = control_of(model, KE=0.0, E1=1.5, E2=2.5)
-    excited = block_controls.self_excited(block_controls.control(data), FIELD)
+def test_self_excited_exciter_with_KE_of_0_starts_with_a_tenth_of_its_regulator(model: str) -> None:
+    """KE = VRMAX / (10 Efd) - SE(Efd), as OpenIPSL's `calculate_dc_exciter_params` has it of PSS/E."""
+    data = control_of(model, KE=0.0, E1=1.5, E2=2.5, VRMAX=6.0)
+    excited = block_controls.self_excited(block_controls.control(data), data, FIELD)
     rest = block_controls.at_rest(excited, data, sensed(), FIELD, "Vref")
-    assert rest.states[excited.states.index("VR")] == pytest.approx(0.0, abs=1e-9)
-    assert rest.reference == pytest.approx(VOLTAGE)
+    assert rest.states[excited.states.index("VR")] == pytest.approx(0.6)
+    assert rest.reference == pytest.approx(VOLTAGE + 0.6 / data.KA)
+    (gain,) = [row["p"][0] for row in excited.rows if row["kind"] == blocks.FIELD]
+    A, B = saturation(data)
+    assert gain == pytest.approx((0.6 - B * (FIELD - A) ** 2) / FIELD)
 
 
 @pytest.mark.parametrize(

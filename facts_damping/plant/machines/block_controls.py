@@ -244,13 +244,13 @@ class Rest(NamedTuple):
     violations: list[LimitViolation]
 
 
-def self_excited(block_control: Control, field_voltage: float) -> Control:
-    """The control with each KE of 0 set so that VR is 0 at the start, as in PSS/E: KE = -SE(Efd)."""
+def self_excited(block_control: Control, data: Any, field_voltage: float) -> Control:
+    """The control with a KE of 0 set so that VR is VRMAX / 10 at the start, as in PSS/E: VRMAX / (10 Efd) - SE(Efd)."""
     rows = block_control.rows.copy()
     for row in rows:
         if row["kind"] == kernel.FIELD and row["p"][0] == 0.0:
             beyond = max(0.0, field_voltage - row["p"][2])
-            row["p"][0] = -row["p"][3] * beyond * beyond / field_voltage
+            row["p"][0] = (data.VRMAX / 10.0 - row["p"][3] * beyond * beyond) / field_voltage
     return block_control._replace(rows=rows)
 
 
