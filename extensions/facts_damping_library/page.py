@@ -46,7 +46,7 @@ FORMS = {
     "pi": "{0} + {1} / s",
     "window": "second input from {0} to {1} of the first, else third",
     "relay": "1 from {1} on, 0 below {0}; lag {2}",
-    "saturation": "{0} u + {2} (u - {1})²",
+    "saturation": "({0} + SE) u",
     "quotient": "quotient",
     "curve": "curve of points",
     "dead_time": "exp(-s {0})",

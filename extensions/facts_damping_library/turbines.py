@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def steam_turbine(inlet: str) -> tuple[Block, ...]:
-    """IEEE type 1: four lags in series from a valve; power of each, of both shafts together."""
+    """IEEE type 1: four lags in series from a valve; power of each, of both shafts together if there are two."""
     return (
         Block("P4", "lag", inlet, (1.0, "T4")),
         Block("P5", "lag", "P4", (1.0, "T5")),
@@ -21,11 +21,12 @@ def steam_turbine(inlet: str) -> tuple[Block, ...]:
     )
 
 
+# The second shaft is that of a machine at JBUS; without one its power is none.
 STEAM_FACTORS: dict[str, Callable[[Any], float]] = {
-    "K12": lambda f: f.K1 + f.K2,
-    "K34": lambda f: f.K3 + f.K4,
-    "K56": lambda f: f.K5 + f.K6,
-    "K78": lambda f: f.K7 + f.K8,
+    "K12": lambda f: f.K1 + f.K2 * (f.JBUS != 0.0),
+    "K34": lambda f: f.K3 + f.K4 * (f.JBUS != 0.0),
+    "K56": lambda f: f.K5 + f.K6 * (f.JBUS != 0.0),
+    "K78": lambda f: f.K7 + f.K8 * (f.JBUS != 0.0),
 }
 ONE_SHAFT: dict[str, Callable[[Any], bool]] = {
     "all its power acts on this machine, none on that at JBUS": lambda f: bool(f.JBUS and f.K2 + f.K4 + f.K6 + f.K8),

@@ -153,6 +153,17 @@ def test_water_column_answers_to_an_opening_gate_with_less_power_first() -> None
     assert gate.settled(20.0, Pref=gate.reference).signals["Pm"] > POWER
 
 
+@pytest.mark.parametrize("model", ["IEEEG1", "WSIEG1"])
+def test_second_shaft_of_a_steam_turbine_gives_power_with_a_machine_alone(model: str) -> None:
+    """The machine without another at JBUS has the power of K1, K3, K5, K7, as in PSS/E (OpenIPSL: PMECH_HP)."""
+    shares, points = {"K1": 0.2, "K2": 0.1, "K3": 0.4, "K5": 0.2, "K7": 0.1}, {}
+    if model == "WSIEG1":
+        points = dict.fromkeys(("GV2", "PGV2", "GV3", "PGV3"), 0.0)
+    for JBUS, share in ((0.0, 0.9), (7.0, 1.0)):
+        turbine = Diagram(control_of(model, JBUS=JBUS, PMAX=2.0, **shares, **points))
+        assert turbine.x["valve"] == pytest.approx(POWER / share)
+
+
 def test_servo_without_a_time_constant_is_one_of_the_shortest() -> None:
     servo = Diagram(control_of("IEEEG1", T3=0.0))
     assert servo.moves(Pref=servo.reference + 1e-6).slopes["valve"] == pytest.approx(1e-6 / SHORTEST)

@@ -17,7 +17,8 @@ ROW = Model(
         Block("valve", "servo", "Pref - speed", ("T3", "UC", "UO"), "PMIN", "PMAX"),
         *steam_turbine("valve"),
     ),
-    "JBUS JM",
+    "JM",
     STEAM_FACTORS,
+    optional="JBUS",
     approximations=ONE_SHAFT,
 )

@@ -24,9 +24,9 @@ ROW = Model(
         Block("steam", "curve", "valve", tuple(POINTS.split())),
         *steam_turbine("steam"),
     ),
-    "JBUS JM ERR DB2 IBLOCK",
+    "JM ERR DB2 IBLOCK",
     STEAM_FACTORS,
-    optional=f"K6 T7 K7 K8 DB1 ERR DB2 {POINTS} IBLOCK",
+    optional=f"JBUS K6 T7 K7 K8 DB1 ERR DB2 {POINTS} IBLOCK",
     approximations={
         **ONE_SHAFT,
         "its dead band has no step and no hysteresis ERR": lambda f: f.ERR != 0.0,
