@@ -260,13 +260,13 @@ def _add_blocks(
     rows = control.rows.copy()
     rows["state"][rows["state"] >= 0] += states.offset
     row[f"{role}_first"], row[f"{role}_end"] = first, first + len(rows)
-    row[f"{role}_gives"] = control.gives.index(block_controls.GIVES[role])
+    row[f"{role}_gives"], row["Vt0"] = control.gives.index(block_controls.GIVES[role]), seen["Vt0"]
     if role == "exciter":
         row["Vref"] = rest.reference
     elif role == "governor":
         row["power_offset"] = rest.reference - seen["Pm"]
     else:  # an unwashed input gives an output at rest, too
-        row["Vt0"], seen["Vs"] = seen["Vt0"], rest.gives
+        seen["Vs"] = rest.gives
         rotating.exciters[g]["Vref"] -= rest.gives
     rotating.blocks.append(rows)
     states.add(data.machine, control.states, rest.states)

@@ -253,6 +253,16 @@ def test_classical_machine_has_its_damping_and_no_exciter(tmp_path: Path) -> Non
     assert [exciter.machine for exciter in system.exciters] == ["G1", "G2"]
 
 
+def test_damping_below_zero_is_taken(tmp_path: Path) -> None:
+    """It adds -D / (2 H) to the growth of all modes together."""
+    growth = []
+    for D in ("0", "-2"):
+        (tmp_path / D).mkdir()
+        dyr = DYR.read_text().replace("3.33 0 1.7", f"3.33 {D} 1.7")
+        growth.append(linearise(build(imported(tmp_path / D, RAW.read_text(), dyr), [], []))[0].trace())
+    assert growth[1] - growth[0] == pytest.approx(2 / (2 * 3.33), rel=1e-6)
+
+
 def test_load_compensation_goes_to_the_exciter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of either record, wherever it stands; without an exciter it has none to act on."""
     dyr = "3 'COMP' 1 0.04 /\n1 'IEEEVC' 1 0.01 0.05 /\n2 'COMP' 1 0.04 /\n"
