@@ -75,12 +75,17 @@ def _lowest(unit: str, gt: float | None = None, ge: float | None = None, **_: fl
     return 0.0 if limit == ge == 0.0 else max(MINIMUM, limit if unit == "s" else 0.0)
 
 
-def quantity(default: Any, unit: str, description: str, usual: float | None = None, **limits: float) -> Any:
-    """A number with unit, meaning and range; `...` as default makes it required: then `usual` is a value that is."""
+def quantity(
+    default: Any, unit: str, description: str, usual: float | None = None, lowest: float | None = None, **limits: float
+) -> Any:
+    """A number with unit, meaning and range; `...` as default makes it required: then `usual` is a value that is.
+
+    `lowest`: what equations allow, if it is less than the range begins with.
+    """
     extra = {"unit": unit} | ({} if usual is None else {"usual": usual})
     field = Field(default, description=description, json_schema_extra=extra, **limits)  # type: ignore[call-overload]
     if limits:
-        field.metadata.append(_Limited(_lowest(unit, **limits)))
+        field.metadata.append(_Limited(_lowest(unit, **limits) if lowest is None else lowest))
     if limits.get("gt") == 0:
         field.metadata.append(_Before(_not_vanishing))
     if unit in SCALES:  # which comes first

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
@@ -35,9 +36,9 @@ class Line(ParameterModel):
     from_bus: Name = Field(..., alias="from", description="first bus")
     to_bus: Name = Field(..., alias="to", description="second bus")
     length: float = quantity(1.0, "km", "length; with 1 the other values are those of the whole line", ge=1e-3, le=5000)
-    r: float = quantity(..., "p.u./km", "series resistance", ge=-10, le=10)
+    r: float = quantity(..., "p.u./km", "series resistance", lowest=-inf, ge=0, le=10)
     x: Reactance = quantity(..., "p.u./km", "series reactance; below 0: of a series capacitor", ge=-10, le=10)
-    b: float = quantity(0.0, "p.u./km", "shunt susceptance of both ends together", ge=-10, le=10)
+    b: float = quantity(0.0, "p.u./km", "shunt susceptance of both ends together", lowest=-inf, ge=0, le=10)
 
 
 class Transformer(ParameterModel):
@@ -47,7 +48,7 @@ class Transformer(ParameterModel):
     from_bus: Name = Field(..., alias="from", description="first bus, the side of the tap and the magnetising branch")
     to_bus: Name = Field(..., alias="to", description="second bus")
     rating: float = quantity(..., "MVA", "rated power, the base of its data", gt=0, le=1e5)
-    r: float = quantity(0.0, "p.u.", "series resistance of both windings", ge=-1, le=1)
+    r: float = quantity(0.0, "p.u.", "series resistance of both windings", lowest=-inf, ge=0, le=1)
     x: Reactance = quantity(..., "p.u.", "series reactance; below 0: in a star", ge=-10, le=10)
     tap: float = quantity(1.0, "p.u.", "off-nominal turns ratio at the first bus", gt=0.5, lt=2)
     phase_shift: float = quantity(0.0, "deg", "angle by which the first bus leads at no load", ge=-180, le=180)
