@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from math import inf
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
@@ -49,8 +50,8 @@ class Machine(ParameterModel):
     slack: bool = Field(False, description="true: the machine that balances the power flow")
     angle: float = quantity(0.0, "deg", "angle of the slack machine's terminal voltage", ge=-360, le=360)
     H: float = quantity(..., "s", "inertia constant", gt=0, le=1000)
-    D: float = quantity(0.0, "p.u.", "damping torque per speed deviation", ge=-10, le=1e4)
-    Ra: float = quantity(0.0, "p.u.", "stator resistance", ge=0, le=0.5)
+    D: float = quantity(0.0, "p.u.", "damping torque per speed deviation", lowest=-inf, ge=0, le=1e4)
+    Ra: float = quantity(0.0, "p.u.", "stator resistance", lowest=-inf, ge=0, le=0.5)
     speed_voltage: bool = Field(
         False, description="true: the speed multiplies the EMF, as in PSTess; only without saturation"
     )
