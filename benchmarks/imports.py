@@ -64,8 +64,7 @@ def imported(raw: Path | None, dyr: Path) -> tuple[list[Any], list[Records]]:
         refused = str(error).replace(f"{dyr.parent}/", "").replace("\n", "; ")
     seconds = f"{time.perf_counter() - began:.2f}"
     if case is None:
-        read = Counter(record.model for record in read_dyr(dyr, []).records).items()
-        models = [Records(name, count, 0, count, 0) for name, count in read]
+        models = [Records(name, n, 0, n, 0) for name, n in Counter(r.model for r in read_dyr(dyr, []).records).items()]
         return ["", "", *numbers(models), "", seconds, refused], models
     models = [row for row in case.records if row.name.isupper() or row.name == OTHER]
     network = sum(row.replaced + row.left_out for row in case.records if row not in models)
