@@ -340,9 +340,9 @@ def test_bad_raw_file_is_told_by_line_and_field(
     [
         ("0.05 9.55", "0.05 nine", "line 2: GENROU: value 5: 'nine' given; allowed: a number"),
         (
-            "3 'SEXS' 1    0.4 5.0 20 0.1 -10 10 /",
-            "3 'SEXS' 1 0.4 5.0 /",
-            "line 7: SEXS: 2 constants given; allowed: 6, TATB",
+            "3 'GENROU' 1  5.9 0.03 0.6 0.05 2.35 0 1.7 1.6 0.35 0.5 0.25 0.2 0 0 /",
+            "3 'GENROU' 1 5.9 0.03 /",
+            "line 4: GENROU: 2 constants given; allowed: 14, Td01",
         ),
         ("3 'GENROU' 1", "2 'GENROU' 1", "line 4: GENROU: a second model of machine 1 at bus 2 given; allowed: one"),
         ("0.5 -0.5 0 0 /", "0.5 -0.5 0 0", "not ended; allowed: a record that `/` ends"),

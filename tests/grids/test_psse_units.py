@@ -12,6 +12,7 @@ from facts_damping.cli.main import main
 from facts_damping.plant.build import build
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
+from facts_damping_grids.psse.conversion import import_case
 from tests.grids.test_psse import DYR, RAW, THREE_BUSES, imported, one_line, raw_with, voltages
 
 if TYPE_CHECKING:
@@ -272,6 +273,29 @@ def test_load_compensation_goes_to_the_exciter(tmp_path: Path, capsys: pytest.Ca
     parts = {row["machine"]: (row["RC"], row["XC"]) for row in exciters}
     assert parts == {"G1": (0.01, 0.05), "G3": (0.0, -0.04)}
     assert "line 3: COMP: of G2: has no exciter to act on: left out" in capsys.readouterr().err
+    (tmp_path / "bad.dyr").write_text(dyr.replace("'SEXS' 1    0.4", "'SEXS' 1 nought"))
+    said = "SEXS: value 1: 'nought' given; allowed: a number"
+    assert said in one_line([str(RAW), str(tmp_path / "bad.dyr")], capsys)
+
+
+def test_control_whose_record_lacks_constants_is_left_out_with_what_acts_on_it(tmp_path: Path) -> None:
+    """All else stays; constants at the end of a record that all versions of a model may lack are 0."""
+    path = tmp_path / "case.dyr"
+    text = DYR.read_text().replace("0.5 -0.5 0 0 /", "0.5 -0.5 /")
+    path.write_text(text)
+    whole = import_case(RAW, path)
+    assert whole.inexact == []
+    path.write_text(text.replace("50 0.05 10 -10 0.05 0.02 1.0 /", "/").replace("0.05 0.49 2 0 2.1 7.0 0.1", "0.05"))
+    case = import_case(RAW, path)
+    assert sorted(case.inexact) == [
+        "case.dyr: line 10: ST2CUT: of G2: has no exciter to act on: left out",
+        "case.dyr: line 6: EXST1: of G2: has 5 of 12 constants: left out",
+        "case.dyr: line 9: TGOV1: of G2: has 1 of 7 constants: left out",
+    ]
+    assert {row.name: row.left_out for row in case.records if row.left_out} == {"EXST1": 1, "TGOV1": 1, "ST2CUT": 1}
+    for table in ("machines", "exciters", "governors", "stabilisers"):
+        left = [row for row in whole.content[table] if table == "machines" or row["machine"] != "G2"]
+        assert case.content.get(table, []) == left
 
 
 def test_reactance_of_the_source_that_is_not_that_of_the_machine_is_told(

@@ -12,7 +12,7 @@ from facts_damping.errors import InputError
 from facts_damping.machine_controls.block_models import INPUTS, MODELS, quantity_of
 from facts_damping.machine_controls.blocks import SHORTEST, TABLES
 from facts_damping_grids.psse.effects import effect_of, of_record
-from facts_damping_grids.psse.machines import constants
+from facts_damping_grids.psse.machines import constants, is_short
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -45,50 +45,65 @@ def unknown_inputs(record: Dynamic) -> list[str]:
     return [f"{name} {code:g}" for name, code in codes.items() if code not in INPUTS]
 
 
+def fields_of(model: str) -> tuple[str, str]:
+    """The constants of a control that is modelled, in the order of its record, and those that may be missing: 0."""
+    if model in COMPENSATORS or model == "HYGOV":
+        return COMPENSATORS[model][0] if model in COMPENSATORS else HYGOV, ""
+    return MODELS[model].fields, MODELS[model].optional
+
+
 def with_effect(
     records: Sequence[Dynamic], unit: Unit, file: str, notes: list[str | Note], *, classical: bool
 ) -> list[Dynamic]:
     """The controls of a machine that act on it, its exciter first; notes of the others.
 
-    These are not modelled, or have nothing to act on.
+    These are not modelled, have nothing to act on, or lack constants.
     """
     acting = []
-    excited = not classical and any(role_of(record.model) == "exciter" for record in records)
+    excited = not classical and any(role_of(record.model) == "exciter" and not _lack(record) for record in records)
     for record in records:
         role, reason = role_of(record.model), ""
+        outcome: Outcome = "left out"
         if not role:
             reason = "is not modelled"
         elif unknown_inputs(record):
             reason = f"has an input that is not modelled, {', '.join(unknown_inputs(record))}"
         elif classical and role != "governor":
-            reason = "has no effect on GENCLS, whose field is constant"
+            reason, outcome = "has no effect on GENCLS, whose field is constant", "idle"
         elif role in ("stabiliser", "compensator") and not excited:
             reason = "has no exciter to act on"
+        else:
+            reason = _lack(record)
         if not reason:
             acting.append(record)
             continue
-        outcome: Outcome = "idle" if role and classical else "left out"
         effect = effect_of(record.model) if outcome == "left out" else ""
         notes.append(of_record(record, unit.name, file, f"{reason}: left out", outcome, effect))
     return sorted(acting, key=lambda record: role_of(record.model) != "exciter")
 
 
+def _lack(record: Dynamic) -> str:
+    """What a control that is modelled lacks in its record; empty: nothing."""
+    order, optional = fields_of(record.model)
+    return f"has {len(record.values)} of {len(order.split())} constants" if is_short(record, order, optional) else ""
+
+
 def add_control(record: Dynamic, unit: Unit, file: str, controls: dict[str, list[Row]], notes: list[str | Note]) -> str:
     """Add the record of a control that is modelled to its table, which is returned; a compensator to its exciter.
 
-    Raises `InputError` if there are too few constants, or the machine has such a control already.
+    Raises `InputError` if a constant is no number, or the machine has such a control already.
     """
+    order, optional = fields_of(record.model)
+    fields = constants(record, order, file, optional)
     if record.model in COMPENSATORS:
-        order, parts = COMPENSATORS[record.model]
-        exciter = next(row for row in controls["exciters"] if row["machine"] == unit.name)
-        exciter |= parts(constants(record, order, file))
+        for row in controls["exciters"]:
+            if row["machine"] == unit.name:
+                row.update(COMPENSATORS[record.model][1](fields))
         return "compensators"
     table = "governors" if record.model == "HYGOV" else TABLES[MODELS[record.model].role]
     if any(row["machine"] == unit.name for row in controls[table]):
         raise InputError(f"{record.where(file)}: {unit.name} has one of the {table} already; allowed: one")
-    model = MODELS.get(record.model)
-    order, optional = (model.fields, model.optional) if model else (HYGOV, "")
-    row: Row = {"machine": unit.name, "model": record.model, **constants(record, order, file, optional)}
+    row = {"machine": unit.name, "model": record.model, **fields}
     if record.model == "HYGOV":
         if row["gate_min"] < 0.001:
             row["gate_min"] = 0.001

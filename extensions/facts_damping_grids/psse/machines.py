@@ -74,13 +74,15 @@ def machine_of(record: Dynamic, unit: Unit, file: str, notes: list[str | Note]) 
 
 def constants(record: Dynamic, order: str, file: str, optional: str = "") -> dict[str, float]:
     """The constants of a record by their names; of `optional` ones those at its end may be missing: 0."""
-    names, missing = order.split(), optional.split()
+    names = order.split()
     if record.unreadable:
         raise InputError(f"{record.where(file)}: {record.unreadable}")
-    needed = len(names)
-    while needed and names[needed - 1] in missing:
-        needed -= 1
-    if len(record.values) < needed:
+    if is_short(record, order, optional):
         count = f"{len(record.values)} constants given; allowed: {len(names)}, {order}"
         raise InputError(f"{record.where(file)}: {count}")
     return dict.fromkeys(names, 0.0) | dict(zip(names, record.values, strict=False))
+
+
+def is_short(record: Dynamic, order: str, optional: str = "") -> bool:
+    """Whether a record lacks constants that are not `optional`."""
+    return any(name not in optional.split() for name in order.split()[len(record.values) :])
