@@ -4,11 +4,11 @@
     python benchmarks/import_modes.py andes/bin/python FOLDER... [--pool]
 
 Pairs of RAW and DYR files as in `imports.py`, as far as nothing of the DYR file is replaced or left out. ANDES does not
-divide a turbine's power by the speed, so that is left out here, too; it takes GENCLS with H = 0 as it stands, so it gets
+divide a turbine's power by the speed, so that is left out here, too; it takes GENCLS with H = 0 as it stands, so it has
 1e7 s; and its machines hold the voltages that they have here. Of the modes from 0.1 to 3 Hz: the greatest distance of
 one of ANDES from the nearest one here, 1/s. Of the start: the greatest distance of voltages, p.u. Then the models that
 ANDES lacks, and those that it has otherwise than PSS/E: each was found by its equations, with which modes here agree
-within 1e-4 1/s. A start on a limit, too, is understood otherwise by each program.
+within 1e-4 1/s (ESST3A and ESST4B 5e-3). A start on a limit, too, is understood otherwise by each program.
 """
 
 from __future__ import annotations
