@@ -187,13 +187,13 @@ SHAFT = "all its power acts on this machine, none on that at JBUS"
 )
 def test_control_that_acts_otherwise_than_in_psse_is_not_exact(records: str, said: str, tmp_path: Path) -> None:
     dyr = tmp_path / "case.dyr"
-    kept = "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not re.match(r"2 '(?!GENROU)", line))
-    dyr.write_text(kept + records)
+    rest = "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not re.match(r"2 '(?!GENROU)", line))
+    dyr.write_text(rest + records)
     case = import_case(RAW, dyr)
     model = records.split("'")[-2]
     row = {row.name: row for row in case.records}[model]
     (inexact,) = case.inexact or [""]
-    assert inexact == (f"case.dyr: line {len((kept + records).splitlines())}: {model}: of G2: {said}" if said else "")
+    assert inexact == (f"case.dyr: line {len((rest + records).splitlines())}: {model}: of G2: {said}" if said else "")
     assert (row.replaced, row.left_out) == (int(bool(said) and "left" not in said), int("left" in said))
     assert row.effects == (("swings are less damped" if "left" in said else said,) if said else ())
 
@@ -201,8 +201,8 @@ def test_control_that_acts_otherwise_than_in_psse_is_not_exact(records: str, sai
 def test_wsieg1_may_end_where_the_rest_is_zero(tmp_path: Path) -> None:
     """As in public files; JBUS to K5."""
     dyr = tmp_path / "case.dyr"
-    kept = "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not line.startswith("2 'TGOV1"))
-    dyr.write_text(f"{kept}2 'WSIEG1' 1 0 0 25 0 0 0.1 1 -10 1.01 0 0.3 1 0 0 0 0 0 0 /\n")
+    rest = "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not line.startswith("2 'TGOV1"))
+    dyr.write_text(f"{rest}2 'WSIEG1' 1 0 0 25 0 0 0.1 1 -10 1.01 0 0.3 1 0 0 0 0 0 0 /\n")
     (governor,) = [row for row in import_case(RAW, dyr).content["governors"] if row["machine"] == "G2"]
     assert [governor[name] for name in ("K1", "K5", "K6", "T7", "DB1", "PGV5")] == [1, 0, 0, 0, 0, 0]
 
