@@ -96,7 +96,7 @@ def test_all_problems_of_records_are_told_at_once(tmp_path: Path, capsys: pytest
     """Each with file and line, of the network, of machines and of controls."""
     raw, dyr = tmp_path / "case.raw", tmp_path / "case.dyr"
     raw.write_text(raw_with(("^4,5,'1 ',0.01,0.085,", "4,5,'1 ',0.01,0,")))
-    text = DYR.read_text().replace("9.55 0 1.8", "-9.55 0 1.8").replace("2 'EXST1' 1 ", "1 'EXST1' 1 ")
+    text = DYR.read_text().replace("9.55 0 1.8", "-9.55 0 1.8").replace("2 'EXST1' 1 ", "2 'EXST1' 1 / 0.01 ")
     dyr.write_text(text.replace("0.4 5.0 20 0.1 -10 10", "0.4 5.0 20 nought -10 10") + "2 'GENROU' 1 1 2 3 /\n")
     assert main(["import", str(raw), str(dyr)]) == 2
     lines = capsys.readouterr().err.splitlines()
@@ -104,7 +104,7 @@ def test_all_problems_of_records_are_told_at_once(tmp_path: Path, capsys: pytest
         "case.raw: line 23: branch: X = 0 with R = 0.01",
         "case.dyr: line 11: GENROU: a second model of machine 1 at bus 2",
         "case.dyr: line 2: GENROU: H = -9.55",
-        "case.dyr: line 6: EXST1: G1 has one of the exciters already; allowed: one",
+        "case.dyr: line 6: EXST1: 0 constants",
         "case.dyr: line 7: SEXS: value 4: 'nought'",
     ]
 
@@ -187,13 +187,13 @@ SHAFT = "all its power acts on this machine, none on that at JBUS"
 )
 def test_control_that_acts_otherwise_than_in_psse_is_not_exact(records: str, said: str, tmp_path: Path) -> None:
     dyr = tmp_path / "case.dyr"
-    in_place = "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not re.match(r"2 '(?!GENROU)", line))
-    dyr.write_text(in_place + records)
+    rest = "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not re.match(r"2 '(?!GENROU)", line))
+    dyr.write_text(rest + records)
     case = import_case(RAW, dyr)
     model = records.split("'")[-2]
     row = {row.name: row for row in case.records}[model]
     (inexact,) = case.inexact or [""]
-    assert inexact == (f"case.dyr: line {len((in_place + records).splitlines())}: {model}: of G2: {said}" if said else "")
+    assert inexact == (f"case.dyr: line {len((rest + records).splitlines())}: {model}: of G2: {said}" if said else "")
     assert (row.replaced, row.left_out) == (int(bool(said) and "left" not in said), int("left" in said))
     assert row.effects == (("swings are less damped" if "left" in said else said,) if said else ())
 
@@ -201,8 +201,8 @@ def test_control_that_acts_otherwise_than_in_psse_is_not_exact(records: str, sai
 def test_wsieg1_may_end_where_the_rest_is_zero(tmp_path: Path) -> None:
     """As in public files; JBUS to K5."""
     dyr = tmp_path / "case.dyr"
-    in_place = "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not line.startswith("2 'TGOV1"))
-    dyr.write_text(f"{in_place}2 'WSIEG1' 1 0 0 25 0 0 0.1 1 -10 1.01 0 0.3 1 0 0 0 0 0 0 /\n")
+    rest = "".join(f"{line}\n" for line in DYR.read_text().splitlines() if not line.startswith("2 'TGOV1"))
+    dyr.write_text(f"{rest}2 'WSIEG1' 1 0 0 25 0 0 0.1 1 -10 1.01 0 0.3 1 0 0 0 0 0 0 /\n")
     (governor,) = [row for row in import_case(RAW, dyr).content["governors"] if row["machine"] == "G2"]
     assert [governor[name] for name in ("K1", "K5", "K6", "T7", "DB1", "PGV5")] == [1, 0, 0, 0, 0, 0]
 

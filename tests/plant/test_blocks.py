@@ -28,6 +28,7 @@ PSS2 = "1 0 3 0 5 1 2.1 2 0.1 2.2 0 2.3 0.3 1 0.5 0.1 10 0.25 0.03 0.15 0.015"
 DATA = {
     "IEEEX1": DC,
     "EXDC1": DC,
+    "ESDC1A": DC,
     "EXDC2": DC,
     "ESDC2A": DC,
     "DC4B": "0.02 50 6 4 0.02 0.9 0.06 10 -10 1.1 0.5 0.08 1.3 2 0.1 3 0.5",
@@ -397,6 +398,7 @@ def pss2a_power(s: complex, d: Any) -> complex:
 EXPECTED: list[tuple[str, str, Callable[[complex, Any], complex]]] = [
     ("IEEEX1", "Vt", dc_with_lead),
     ("EXDC1", "Vt", dc_with_lead),
+    ("ESDC1A", "Vt", dc_with_lead),
     ("EXDC2", "Vt", dc_with_lead),
     ("ESDC2A", "Vt", dc_with_lead),
     ("EXDC2", "omega", lambda _s, _d: FIELD),  # the field voltage follows the speed
