@@ -96,7 +96,7 @@ def test_all_problems_of_records_are_told_at_once(tmp_path: Path, capsys: pytest
     """Each with file and line, of the network, of machines and of controls."""
     raw, dyr = tmp_path / "case.raw", tmp_path / "case.dyr"
     raw.write_text(raw_with(("^4,5,'1 ',0.01,0.085,", "4,5,'1 ',0.01,0,")))
-    text = DYR.read_text().replace("9.55 0 1.8", "-9.55 0 1.8").replace("2 'EXST1' 1 ", "2 'EXST1' 1 / 0.01 ")
+    text = DYR.read_text().replace("9.55 0 1.8", "-9.55 0 1.8").replace("2 'EXST1' 1 ", "1 'EXST1' 1 ")
     dyr.write_text(text.replace("0.4 5.0 20 0.1 -10 10", "0.4 5.0 20 nought -10 10") + "2 'GENROU' 1 1 2 3 /\n")
     assert main(["import", str(raw), str(dyr)]) == 2
     lines = capsys.readouterr().err.splitlines()
@@ -104,7 +104,7 @@ def test_all_problems_of_records_are_told_at_once(tmp_path: Path, capsys: pytest
         "case.raw: line 23: branch: X = 0 with R = 0.01",
         "case.dyr: line 11: GENROU: a second model of machine 1 at bus 2",
         "case.dyr: line 2: GENROU: H = -9.55",
-        "case.dyr: line 6: EXST1: 0 constants",
+        "case.dyr: line 6: EXST1: G1 has one of the exciters already; allowed: one",
         "case.dyr: line 7: SEXS: value 4: 'nought'",
     ]
 
