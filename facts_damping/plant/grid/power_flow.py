@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-9  # p.u., largest power mismatch
 LOSS_TOLERANCE = 1e-13  # p.u., of the resistance equivalent to a device's losses
 MAX_ITERATIONS = 30
+MANY = 100  # buses, from which on Newton's method ends where round-off does
 FARTHEST = 10.0  # p.u., voltage at which an iteration has diverged
 STRAY = 1e-9  # p.u., admittance of fictitious branches for the starting angles
 
@@ -283,7 +284,7 @@ def _newton(
         mismatch = times(voltage, np.conj(current)) + drawn - scheduled
         equations = np.concatenate([mismatch.real[free_angle], mismatch.imag[free_magnitude]])
         residual = float(np.max(np.abs(equations), initial=0.0))
-        round_off = len(angle) > DENSE and before / 2 < residual < TOLERANCE
+        round_off = len(angle) > MANY and before / 2 < residual < TOLERANCE
         lost = not np.isfinite(residual) or np.abs(magnitude).max(initial=0.0) > FARTHEST
         if residual < enough or round_off or lost:
             break
