@@ -246,3 +246,12 @@ def test_exciter_with_load_compensation_controls_the_voltage_behind_it() -> None
     plant, state, dx = compensated.plant, compensated.state, np.ones_like(compensated.state.x)
     derivatives(plant, state.x, np.zeros(0), state.source, 0, dx, workspace(plant, state))
     assert np.abs(dx).max() < 1e-9
+
+
+def test_filter_of_too_high_an_order_and_infinite_gain_are_refused() -> None:
+    """Data of another program may have any number; neither is a block that can be made."""
+    with pytest.raises(InputError, match=r"PSS2A of G1: M N = 100 given; allowed: at most 20"):
+        block_controls.control(control_of("PSS2A", M=50.0, N=2.0))
+    without_droop = control_of("TGOV1").model_copy(update={"R": 0.0})
+    with pytest.raises(InputError, match=r"TGOV1 of G1: an infinite gain given"):
+        block_controls.control(without_droop)
