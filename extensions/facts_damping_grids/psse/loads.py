@@ -166,7 +166,8 @@ def _dc_flow(record: Row) -> _DcFlow | None:
             return None
         current = 2.0 * abs(record["SETVL"]) / (V + math.sqrt(root))
     inverter = V - compounding * current
-    return _DcFlow(inverter + R * current, inverter, current)
+    rectifier = inverter + R * current
+    return _DcFlow(rectifier, inverter, current) if min(rectifier, inverter) > 0.0 else None
 
 
 def _reactive(record: Row, end: str, voltage: float, bus: Row) -> float:

@@ -38,7 +38,7 @@ def transformers(case: RawCase, buses: Mapping[int, Row], notes: list[str | Note
     table, used = Transformers([], [], []), set[str]()
     for record in case.tables["transformer"]:
         ends = [end for end in ("I", "J", "K") if record[end]]
-        out = {2: "J", 3: "K", 4: "I"}.get(int(record["STAT"])) if len(ends) == 3 else None
+        out = {2: "J", 3: "K", 4: "I"}.get(record["STAT"]) if len(ends) == 3 else None
         joined = [end for end in ends if abs(int(record[end])) in buses and end != out]
         if record["STAT"] == 0 or len(joined) < 2:
             continue
@@ -135,8 +135,8 @@ def _magnetising(record: Row, bus: Row, name: str, case: RawCase, notes: list[st
         return []
     if record["CM"] == 2:
         G, current = G / 1e6, B * (record["S1"] or case.base_power)
-        nominal = (bus["BASKV"] / record["NOMV1"]) ** 2 if bus["BASKV"] and record["NOMV1"] else 1.0
-        G, B = (nominal * part / case.base_power for part in (G, -math.sqrt(max(0.0, current * current - G * G))))
+        turns = bus["BASKV"] / record["NOMV1"] if bus["BASKV"] and record["NOMV1"] else 1.0
+        G, B = (turns * turns * part / case.base_power for part in (G, -math.sqrt(max(0.0, current * current - G * G))))
     alone = f"line {record['line']}: the magnetising branch of {name} is a shunt, which stays when it opens"
     common, effect = "magnetising branches are shunts, which stay when it opens", "its magnetising branch stays"
     notes.append(Note(alone, common, "transformers", name, "transformer", "replaced", f"{effect} when it opens"))

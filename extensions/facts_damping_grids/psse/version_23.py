@@ -40,7 +40,7 @@ def _charging(row: Row, base_power: float) -> list[Row]:
     return [
         on
         | {"I": row[end], "ID": f"T{row['I']:g}_{row['J']:g}"}
-        | {"GL": G * base_power, "BL": (B + row["B"] / 2.0 / ratio**2) * base_power}
+        | {"GL": G * base_power, "BL": (B + row["B"] / 2.0 / ratio / ratio) * base_power}
         for end, G, B, ratio in ends
         if G or B or row["B"]
     ]

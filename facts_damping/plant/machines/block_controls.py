@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 GIVES = {"governor": "Pm", "stabiliser": "Vs", "exciter": "Efd"}
 # Kinds with direct feedthrough.
 FEEDTHROUGH = {"sum", "lead_lag", "washout", "rate", "second_order", "product", "source", "rectifier", "curve"}
+FILTER_ORDER = 20  # of a ramp-tracking filter, of which the library allows 8
 ORDER = 10  # of a dead time's approximation, right to 1e-4 at a lag of 10 rad; of a short one less: a state for 4 ms
 TOLERANCE = 1e-10  # p.u., 1/s, residual of the steady state
 STEPS = 50  # largest number of iterations from one starting point
@@ -42,10 +43,13 @@ class Control(NamedTuple):
 def control(data: Any) -> Control:
     """The rows of a control with its parameters (`parameters.plant.machines`); state indices count from 0.
 
-    Raises `InputError` if blocks form an algebraic loop.
+    Raises `InputError` if blocks form an algebraic loop, or a gain is infinite.
     """
     model = MODELS[data.model]
-    blocks = _in_order([_plain(block, data) for block in _spread(model.blocks, data)], data)
+    try:
+        blocks = _in_order([_plain(block, data) for block in _spread(model.blocks, data)], data)
+    except ZeroDivisionError as error:
+        raise InputError(f"{data.model} of {data.machine}: an infinite gain given; allowed: finite gains") from error
     signals = {name: i for i, name in enumerate([*kernel.SENSED, *(block.name for block in blocks)])}
     signals |= {"input": signals[_sensed(data, "IC", 1)], "input_2": signals[_sensed(data, "IC2", 0)]}
     rows, states = np.zeros(len(blocks), kernel.BLOCK), list[str]()
@@ -158,13 +162,19 @@ def _points(constants: Sequence[float]) -> tuple[float, ...]:
 
 
 def _spread(blocks: Sequence[Block], data: Any) -> list[Block]:
-    """Expand ramp-tracking filters ((1 + s T8) / (1 + s T9)^M)^N to lead-lags and lags in series."""
+    """Expand ramp-tracking filters ((1 + s T8) / (1 + s T9)^M)^N to lead-lags and lags in series.
+
+    Raises `InputError` for a filter of too high an order.
+    """
     simple: list[Block] = []
     for block in blocks:
         if block.kind != "ramp_tracking":
             simple.append(block)
             continue
         lead, lag, maximum, times = (_number(constant, data) for constant in block.constants)
+        if maximum * times > FILTER_ORDER:
+            text = f"M N = {maximum * times:g} given; allowed: at most {FILTER_ORDER}"
+            raise InputError(f"{data.model} of {data.machine}: {text}")
         parts = [(1.0, lead, lag) if i % max(1, int(maximum)) == 0 else (1.0, lag) for i in range(int(maximum * times))]
         before = block.inputs
         for i, constants in enumerate(parts):

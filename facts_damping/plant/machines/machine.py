@@ -210,6 +210,11 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
     are in steady state. Raises `InputError` if no such angle is found.
     """
     c = rotor_circuits(m)
+    try:
+        unit = -solve(c.A, c.B[:, 2])  # steady states for one p.u. of field voltage
+    except np.linalg.LinAlgError as error:
+        text = "circuits without a steady state given; allowed: reactances of like size"
+        raise InputError(f"machines: {m.name}: {text}") from error
     row = _row(m, c, base_power, offset)
     xq = m.Xd1 if m.model == "classical" else m.Xq
     delta = phase(complex(voltage + times(complex(m.Ra, float(xq or 0.0)), current)))
@@ -226,7 +231,6 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
         row["E0"] = s.emf
         field_voltage, z = magnitude(s.emf), s.z
     else:
-        unit = -solve(c.A, c.B[:, 2])  # steady states for one p.u. of field voltage
         field_voltage = float((s.emf.imag - product(c.C[0], s.z)) / product(c.C[0], unit))
         z = s.z + field_voltage * unit
         if row["field_saturates"]:
