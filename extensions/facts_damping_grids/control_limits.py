@@ -27,7 +27,10 @@ def widened(content: dict[str, Any], origins: Mapping[tuple[str, str], str]) -> 
     """
     wider_content, notes, problems = deepcopy(content), list[Note](), Problems()
     for _ in range(MAXIMUM):
-        violations = limit_violations(check(System, wider_content, "import"))
+        try:
+            violations = limit_violations(check(System, wider_content, "import"))
+        except InputError as error:
+            raise InputError(_placed(str(error), origins)) from error
         if not violations:
             return wider_content, notes
         for violation in violations:
@@ -48,3 +51,12 @@ def widened(content: dict[str, Any], origins: Mapping[tuple[str, str], str]) -> 
             row[field] = limit
         problems.check()
     raise InputError(str(violations[0]))
+
+
+def _placed(text: str, origins: Mapping[tuple[str, str], str]) -> str:
+    """An error of a machine or a control with where that comes from."""
+    for (table, machine), place in origins.items():
+        for head in (f"{table}: {machine}: ", f"{place.split(': ')[-2]} of {machine}: "):
+            if text.startswith(head):
+                return f"{place}: {text.removeprefix(head)}"
+    return text
