@@ -7,10 +7,10 @@ Pairs of RAW and DYR files as in `imports.py`, as far as nothing of the DYR file
 divide a turbine's power by the speed, so that is left out here, too; it takes GENCLS with H = 0 as it stands, so it has
 1e7 s; and its machines hold the voltages that they have here. Of the modes from 0.1 to 3 Hz: the greatest distance of
 one of ANDES from the nearest one here, 1/s. Of the start: the greatest distance of voltages, p.u. Then the models that
-ANDES lacks, and those that it has otherwise than PSS/E, as far as that is known: of ESAC1A, ESST1A, EXAC1, ESDC2A, HYGOV,
-ESST3A, ESST4B and IEEEST with filters its equations were put here, and modes then agreed within 1e-4 1/s (ESDC2A 1.3e-4,
-ESST3A and ESST4B 5e-3); of the others it follows from its source or its warnings alone. A start on a limit, too, is
-understood otherwise by each program.
+ANDES lacks, and those that it has otherwise than PSS/E, as far as that is known. Of ESAC1A, ESST1A, EXAC1, ESDC2A,
+HYGOV, ESST3A, ESST4B and IEEEST with filters its equations were put here, and modes then agreed within 1e-4 1/s (ESDC2A
+1.3e-4, ESST3A and ESST4B 5e-3); of the others it follows from its source or its warnings alone. A start on a limit,
+too, is understood otherwise by each program.
 """
 
 from __future__ import annotations
