@@ -6,12 +6,13 @@ import ast
 import importlib
 import inspect
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from facts_damping_library import MODELS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from types import CodeType
 
     from facts_damping.machine_controls.blocks import Block, Constant, Model
 
@@ -117,15 +118,22 @@ def _text(constant: Constant) -> str:
         return f"{constant:g}"
     if constant.__closure__:
         return " ".join(str(cell.cell_contents) for cell in constant.__closure__)
-    for node in _lambdas(constant.__module__):
-        fields = {part.attr for part in ast.walk(node.body) if isinstance(part, ast.Attribute)}
-        if node.lineno == constant.__code__.co_firstlineno and fields <= {*constant.__code__.co_names}:
-            text = ast.unparse(node.body).replace(f"{node.args.args[0].arg}.", "").replace(" * ", " ")
-            return f"({text})" if " " in text else text
-    return constant.__name__
+    text = _lambdas(constant.__module__).get(_does(constant.__code__), constant.__name__)
+    return f"({text})" if " " in text else text
 
 
 @cache
-def _lambdas(module: str) -> list[ast.Lambda]:
-    tree = ast.parse(inspect.getsource(importlib.import_module(module)))
-    return [node for node in ast.walk(tree) if isinstance(node, ast.Lambda)]
+def _lambdas(module: str) -> dict[tuple[Any, ...], str]:
+    """How the lambdas of a module are written, without their argument, by what they do."""
+    texts = {}
+    for node in ast.walk(ast.parse(inspect.getsource(importlib.import_module(module)))):
+        if isinstance(node, ast.Lambda):
+            (code, *_) = compile(ast.Expression(node), module, "eval").co_consts
+            text = ast.unparse(node.body).replace(f"{node.args.args[0].arg}.", "").replace(" * ", " ")
+            texts[_does(code)] = text
+    return texts
+
+
+def _does(code: CodeType) -> tuple[Any, ...]:
+    """What a compiled function does, wherever it stands."""
+    return code.co_code, code.co_consts, code.co_names

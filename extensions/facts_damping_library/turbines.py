@@ -43,17 +43,7 @@ def diesel_engine(error: str) -> tuple[Block, ...]:
     """
     return (
         Block("box", "second_order", error, ("T3", 0.0, "T1", lambda f: f.T1 * f.T2)),
-        Block(
-            "actuator",
-            "second_order",
-            "box",
-            (
-                "T4",
-                0.0,
-                lambda f: f.T5 + f.T6,
-                lambda f: f.T5 * f.T6,
-            ),
-        ),
+        Block("actuator", "second_order", "box", ("T4", 0.0, lambda f: f.T5 + f.T6, lambda f: f.T5 * f.T6)),
         Block("throttle", "integral", "actuator", ("K",), "TMIN", "TMAX"),
         Block("torque", "dead_time", "throttle", ("TD",)),
         Block("speed", "sum", "one + omega"),

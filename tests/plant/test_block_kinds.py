@@ -16,6 +16,8 @@ from facts_damping.plant.grid.power_flow import solve
 from facts_damping.plant.machines import block_controls, blocks
 from facts_damping.plant.machines.blocks import SENSED
 from facts_damping.plant.model import workspace
+from facts_damping_library import MODELS
+from facts_damping_library.page import diagram
 from tests.plant.running import shipped
 from tests.plant.test_blocks import FIELD, POWER, VOLTAGE, at_rest, control_of, ieeest, response, sensed
 
@@ -255,3 +257,9 @@ def test_filter_of_too_high_an_order_and_infinite_gain_are_refused() -> None:
     without_droop = control_of("TGOV1").model_copy(update={"R": 0.0})
     with pytest.raises(InputError, match=r"TGOV1 of G1: an infinite gain given"):
         block_controls.control(without_droop)
+
+
+def test_diagram_tells_constants_apart_that_stand_on_one_line() -> None:
+    """ST2CUT's lag of a T3 of 0: its gain and its time follow from the same fields."""
+    (lagging,) = [line for line in diagram(MODELS["ST2CUT"]) if line.endswith("lagging")]
+    assert "(float(T3 == 0.0 < T4)) / (1 + s (0.0 if T3 else T4))" in lagging

@@ -22,16 +22,7 @@ ROW = Model(
         Block("PID", "lag", "PI + rate", (1.0, "TA")),
         Block("gate", "servo", "PID", ("TB", "VELMIN", "VELMAX"), "GMIN", "GMAX"),
         GATE,
-        Block(
-            "turbine",
-            "lead_lag",
-            "steady",
-            (
-                1.0,
-                lambda f: -f.ATW * f.TW,
-                lambda f: 0.5 * f.ATW * f.TW,
-            ),
-        ),
+        Block("turbine", "lead_lag", "steady", (1.0, lambda f: -f.ATW * f.TW, lambda f: 0.5 * f.ATW * f.TW)),
         Block("Pm", "sum", "turbine - DTURB * omega"),
     ),
     factors={"POWER": lambda f: 0.0 if f.M else 1.0, "GATE": lambda f: 1.0 if f.M else 0.0},

@@ -25,16 +25,7 @@ ROW = Model(
         Block("velocity", "sum", "servo", (), "VELMN", "VELMX"),
         Block("gate", "integral", "velocity", (1.0,), "GATMN", "GATMX"),
         GATE,
-        Block(
-            "turbine",
-            "lead_lag",
-            "steady",
-            (
-                1.0,
-                lambda f: -f.TW,
-                lambda f: 0.5 * f.TW,
-            ),
-        ),
+        Block("turbine", "lead_lag", "steady", (1.0, lambda f: -f.TW, lambda f: 0.5 * f.TW)),
         Block("power", "sum", "turbine", (), "PMIN", "PMAX"),
         Block("Pm", "sum", "power - D * omega"),
     ),
