@@ -1,4 +1,4 @@
-"""What several models have in common: transducers, saturation, DC exciters."""
+"""What several models have in common: transducers, saturation, DC and AC exciters, sources of static ones."""
 
 from __future__ import annotations
 
@@ -35,12 +35,23 @@ def dc_exciter(limited_by: str, gives: str = "Efd") -> tuple[Block, ...]:
     )
 
 
-def ac_exciter() -> tuple[Block, ...]:
-    """An alternator with a diode rectifier, from VR to Efd; its field current VFE demagnetises it.
+# A static exciter's source: the terminals' voltage and current over a rectifier, VB, at most VBMAX.
+COMPOUND_SOURCE = (
+    Block("VE", "source", "Vd + Vq + Id + Iq", ("KP", "THETAP", "KI", "XL")),
+    Block("rectified", "rectifier", "VE + Ifd", ("KC",)),
+    Block("VB", "limiter", "rectified", (), None, "VBMAX"),
+)
+
+
+def ac_exciter(*regulator: Block) -> tuple[Block, ...]:
+    """An alternator with a diode rectifier; its field current VFE demagnetises it. `regulator`: from VB to VR.
 
     VFE = KE VE + SE(VE) VE + KD Ifd,  TE dVE = VR - VFE above 0,  Efd = VE FEX(KC Ifd / VE),  VF = s KF/(1 + s TF) VFE
     """
     return (
+        VOLTAGE_SEEN,
+        Block("VB", "lead_lag", "Vref + Vs - VT - VF", (1.0, "TC", "TB")),
+        *regulator,
         Block("magnetising", "saturation", "VE", ("KE", A, B)),
         Block("VFE", "sum", "magnetising + KD * Ifd"),
         Block("VF", "rate", "VFE", ("KF", "TF")),

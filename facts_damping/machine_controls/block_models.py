@@ -20,8 +20,10 @@ for package, models in rows("machine_controls", dict).items():
 # What stands for `input` and `input_2` of a stabiliser by its code IC; 2 is the frequency of a bus, for which the speed
 # of the machine stands; 0: there is none.
 INPUTS = {0: "none", 1: "omega", 2: "omega", 3: "Pe", 4: "Pa", 5: "Vt"}
-_COUNTS = {"SWITCH", "CSWITCH", "SW1", "JBUS", "JM", "IC", "IC2", "IB", "IB2", "M", "N", "UEL", "OEL", "SCL", "VOS"}
-_COUNTS |= {"IBLOCK"}
+_COUNTS = {
+    *("SWITCH", "CSWITCH", "SW1", "JBUS", "JM", "IC", "IC2", "IB", "IB2", "M", "N"),
+    *("UEL", "OEL", "SCL", "VOS", "IBLOCK"),
+}
 _NO_TIMES = {"TATB", "THETAP", "T1T3", "T2T4", "TMAX", "TMIN"}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import Block, Model
-from facts_damping_library.parts import VOLTAGE_SEEN
+from facts_damping_library.parts import COMPOUND_SOURCE, VOLTAGE_SEEN
 
 ROW = Model(
     "exciter",
@@ -14,9 +14,7 @@ ROW = Model(
         Block("VI", "sum", "Vref + Vs - VT", (), "VIMIN", "VIMAX"),
         Block("VA", "lead_lag", "VI", (1.0, "TC", "TB")),
         Block("VR", "lag", "VA", ("KA", "TA"), "VRMIN", "VRMAX"),
-        Block("VE", "source", "Vd + Vq + Id + Iq", ("KP", "THETAP", "KI", "XL")),
-        Block("rectified", "rectifier", "VE + Ifd", ("KC",)),
-        Block("VB", "limiter", "rectified", (), None, "VBMAX"),
+        *COMPOUND_SOURCE,
         Block("VG", "limiter", "KG * Efd", (), None, "VGMAX"),
         Block("VM", "lag", "VR - VG", ("KM", "TM"), "VMMIN", "VMMAX"),
         Block("Efd", "product", "VB + VM"),

@@ -7,7 +7,7 @@ over- and underexcitation act.
 from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import Block, Model
-from facts_damping_library.parts import VOLTAGE_SEEN
+from facts_damping_library.parts import COMPOUND_SOURCE, VOLTAGE_SEEN
 
 ROW = Model(
     "exciter",
@@ -17,9 +17,7 @@ ROW = Model(
         VOLTAGE_SEEN,
         Block("VPI", "pi", "Vref + Vs - VT", ("KPR", "KIR"), "VRMIN", "VRMAX"),
         Block("VR", "lag", "VPI", (1.0, "TA")),
-        Block("VE", "source", "Vd + Vq + Id + Iq", ("KP", "THETAP", "KI", "XL")),
-        Block("rectified", "rectifier", "VE + Ifd", ("KC",)),
-        Block("VB", "limiter", "rectified", (), None, "VBMAX"),
+        *COMPOUND_SOURCE,
         Block("integral", "integral", "VR - KG * Efd", ("KIM",), "VMMIN", "VMMAX"),
         Block("open", "sum", "KPM * VR + integral"),
         Block("loop", "sum", "one + LOOP * VB"),

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import SHORTEST, Block, Model
 from facts_damping_library.parts import OTHER_INPUTS, two_inputs
+from facts_damping_library.stabilisers import pss2b
 
 SWITCHING = SHORTEST
 
 ROW = Model(
     "stabiliser",
     "IEEE stabiliser of two inputs of 2016, switched by power",
-    "IC IB IC2 IB2 M N TW1 TW2 T6 TW3 TW4 T7 KS2 KS3 T8 T9 KS1 T1 T2 T3 T4 T10 T11 VS1MAX VS1MIN VS2MAX VS2MIN VSTMAX "
-    "VSTMIN T12 T13 PSSON PSSOFF XCOMP TCOMP",
+    f"{pss2b.ROW.fields} T12 T13 PSSON PSSOFF XCOMP TCOMP",
     (
         *two_inputs("T1/T2 T3/T4 T10/T11 T12/T13", limited=True),
         Block("limited", "sum", "L4", (), "VSTMIN", "VSTMAX"),
