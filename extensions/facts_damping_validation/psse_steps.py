@@ -16,13 +16,14 @@ from facts_damping.plant.build import build
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import begin_interval, copy, workspace
-from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, to_ns
-from facts_damping_validation.time_domain import Followed
+from facts_damping.signals import to_ns
+from facts_damping_validation.time_domain import unwritten
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.plant.system import System
+    from facts_damping_validation.time_domain import Followed
 
 
 def follow_in_steps(
@@ -37,9 +38,7 @@ def follow_in_steps(
     built = build(system, [device.name for device in system.devices], scenario.events)
     state, rate = copy(built.state), round(1.0 / float(np.diff(times).min()))
     work, size = workspace(built.plant, state), len(state.x)
-    machines = np.zeros((len(times), len(system.machines)), MACHINE_TRUTH)
-    devices = np.zeros((len(times), len(system.devices)), DEVICE_TRUTH)
-    frames = np.zeros((len(times), len(system.pmus), len(CHANNELS)))
+    followed = unwritten(system, len(system.devices), len(times))
     sampled = {round(time * rate): k for k, time in enumerate(times)}
     switching, slope, before = round(at * rate), np.zeros(size), np.zeros(size)
     for n in range(max(sampled) + 1):
@@ -52,7 +51,7 @@ def follow_in_steps(
             mean += slope / len(sides)
         if n in sampled:
             k = sampled[n]
-            measure(built.plant, state, now, frames[k], machines[k], devices[k], work)
+            measure(built.plant, state, now, followed.frames[k], followed.machines[k], followed.devices[k], work)
         state.x[:] += (1.5 * mean - 0.5 * before if n else mean) / rate
         before = mean
-    return Followed(machines, devices, frames)
+    return followed

@@ -52,6 +52,15 @@ class Followed(NamedTuple):
     frames: NDArray[np.float64]  # (instants, PMUs, channels)
 
 
+def unwritten(system: System, devices: int, instants: int) -> Followed:
+    """Truth of a run that is yet to be written, of so many devices and instants."""
+    return Followed(
+        np.zeros((instants, len(system.machines)), MACHINE_TRUTH),
+        np.zeros((instants, devices), DEVICE_TRUTH),
+        np.zeros((instants, len(system.pmus), len(CHANNELS))),
+    )
+
+
 def follow(
     system: System,
     installed: list[str],
@@ -72,15 +81,12 @@ def follow(
     work, asked = workspace(built.plant, state), np.zeros(len(setpoints or ()), SETPOINT)
     for row, (name, value) in zip(asked, (setpoints or {}).items(), strict=True):
         row["device"], row["value"], row["effective_ns"] = installed.index(name), value, to_ns(asked_at)
-    machines = np.zeros((len(times), len(system.machines)), MACHINE_TRUTH)
-    devices = np.zeros((len(times), len(installed)), DEVICE_TRUTH)
-    frames = np.zeros((len(times), len(system.pmus), len(CHANNELS)))
-    now = 0
+    followed, now = unwritten(system, len(installed), len(times)), 0
     for k, time in enumerate(times):
         advance(built.plant, state, now, to_ns(time), asked, len(asked) if now <= to_ns(asked_at) else 0, work)
         now = to_ns(time)
-        measure(built.plant, state, now, frames[k], machines[k], devices[k], work)
-    return Followed(machines, devices, frames)
+        measure(built.plant, state, now, followed.frames[k], followed.machines[k], followed.devices[k], work)
+    return followed
 
 
 def andes() -> ValidationTable:

@@ -20,7 +20,7 @@ from facts_damping.plant.build import build
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping_grids.psse.conversion import import_case
-from facts_damping_grids.psse.network import load_model
+from facts_damping_grids.psse.loads import load_model
 from tests.grids.test_psse import DYR, RAW, imported, raw_with, voltages
 
 if TYPE_CHECKING:

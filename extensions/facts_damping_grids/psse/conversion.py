@@ -17,6 +17,7 @@ from facts_damping_grids.problems import Problems, problems_of
 from facts_damping_grids.psse import generators, network, report
 from facts_damping_grids.psse.checking import check_possible, checked
 from facts_damping_grids.psse.dynamics import dynamics_of, typical_dynamics
+from facts_damping_grids.psse.loads import IMPEDANCE
 from facts_damping_grids.psse.placing import placed
 from facts_damping_grids.psse.reading import read_dyr, read_raw
 from facts_damping_grids.psse.report import ACTING
@@ -50,7 +51,7 @@ def convert(
     dyr: Dyr | None,
     dyr_name: str = "",
     *,
-    load_model: LoadModel = network.IMPEDANCE,
+    load_model: LoadModel = IMPEDANCE,
     problems: Problems | None = None,
 ) -> Converted:
     """A case as the content of a system's file, at rest; `problems`: those of its files.
@@ -141,7 +142,7 @@ class ImportedCase(NamedTuple):
     inexact: list[str]
 
 
-def import_case(raw: Path, dyr: Path | None = None, load_model: LoadModel = network.IMPEDANCE) -> ImportedCase:
+def import_case(raw: Path, dyr: Path | None = None, load_model: LoadModel = IMPEDANCE) -> ImportedCase:
     """A PSS/E case as a validated system that has a rest. Raises `ProblemsError` with all that is wrong."""
     problems = Problems()
     case = read_raw(raw, problems.lines)

@@ -13,7 +13,7 @@ from facts_damping_grids.notes import Note
 from facts_damping_grids.psse.controls import NOT_SEEN
 from facts_damping_grids.psse.effects import of_record
 from facts_damping_grids.psse.machines import constants
-from facts_damping_library.devices.csvgn1 import ROUND_OFF, SHORTEST
+from facts_damping_library.devices.csvgn1 import ROUND_OFF, SHORTEST, Csvgn1, rest
 
 if TYPE_CHECKING:
     from facts_damping_grids.psse.generators import Unit
@@ -47,7 +47,7 @@ def at_rest(row: Row, voltage: float, origin: str, notes: list[str | Note]) -> R
     Raises `InputError` if its reactor is too small.
     """
     reactor, square = row["MBASE"], voltage * voltage
-    y = (row["CBASE"] - row["Q"] / square) / reactor
+    y = rest(Csvgn1.model_construct(**row), voltage).y
     if y > 1.0 + ROUND_OFF:
         allowed = f"at least {square * (row['CBASE'] - reactor):.4g}, by CBASE and MBASE"
         start = f"Q = {row['Q']:.4g} Mvar given at {voltage:.4g} p.u. of voltage"

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from facts_damping.numerics.matrices import parts
 from facts_damping.output.tables import some_of
 from facts_damping_grids.matpower_conversion import ISOLATED, PQ, REFERENCE
 from facts_damping_grids.notes import Note
-from facts_damping_grids.psse.loads import IMPEDANCE, LoadModel, free_name, load_model, loads
+from facts_damping_grids.psse.loads import LoadModel, free_name, loads
 from facts_damping_grids.psse.records import KEYS, Row
 from facts_damping_grids.psse.transformers import ZERO, shunt, transformers
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from facts_damping_grids.psse.reading import RawCase
-
-__all__ = ["IMPEDANCE", "LoadModel", "Network", "bus_of", "free_name", "load_model", "network", "one_voltage"]
 
 LIMIT = 1e-3  # Mvar, closeness to a limit of reactive power, to which a RAW file rounds it
 
@@ -207,7 +206,7 @@ def _left_out(
             continue
         numbers = [bus[1:] for bus in island if bus[0] == "B"]
         if island.keys() & swing or not island.keys() & fed:
-            notes += [_island_note(n, case, dead=not island.keys() & fed) for n in numbers]
+            notes += [_island_note(buses[int(n)], dead=not island.keys() & fed) for n in numbers]
             out |= island.keys()
         else:
             problem = f"an island with generators and no bus of type 3 given ({some_of(numbers, 5)})"
@@ -215,11 +214,11 @@ def _left_out(
     return out
 
 
-def _island_note(bus: str, case: RawCase, *, dead: bool) -> Note:
+def _island_note(record: Row, *, dead: bool) -> Note:
     """The note on a bus of an island that is left out: `dead` as in PSS/E, or a grid of its own."""
     why = "of an island without a generator in service" if dead else "of an island beside the largest one"
-    line = next(record["line"] for record in case.tables["bus"] if int(record["I"]) == int(bus))
-    alone, common = f"line {line}: bus: {bus}: {why}: left out", f"{why}: left out"
+    bus = f"{int(record['I'])}"
+    alone, common = f"line {record['line']}: bus: {bus}: {why}: left out", f"{why}: left out"
     if dead:
         return Note(alone, common, "buses", bus)
     return Note(alone, common, "buses", bus, "bus", "left out", "all that is in that island is missing")
@@ -227,20 +226,8 @@ def _island_note(bus: str, case: RawCase, *, dead: bool) -> Note:
 
 def _islands(names: Iterable[str], joined: Iterable[tuple[str, str]]) -> list[dict[str, None]]:
     """The buses that branches join, in the order of the names."""
-    near: dict[str, list[str]] = {name: [] for name in names}
-    for first, other in joined:
-        near[first].append(other)
-        near[other].append(first)
-    island_of: dict[str, int] = {}
-    for name in near:
-        edge = [] if name in island_of else [name]
-        number = len(island_of)
-        while edge:
-            bus = edge.pop()
-            if bus not in island_of:
-                island_of[bus] = number
-                edge += near[bus]
+    index = {name: i for i, name in enumerate(names)}
     islands: dict[int, dict[str, None]] = {}
-    for name in near:
-        islands.setdefault(island_of[name], {})[name] = None
+    for name, number in zip(index, parts(len(index), ((index[a], index[b]) for a, b in joined)), strict=True):
+        islands.setdefault(number, {})[name] = None
     return list(islands.values())

@@ -240,10 +240,10 @@ def _balanced(active: Float1) -> Float1:
 def _turned(system: System, names: list[str]) -> Float1:
     """Power into each bus, p.u., of a linear power flow with the turns of phase shifters instead of these."""
     into, index = np.zeros(len(names)), {name: i for i, name in enumerate(names)}
-    for t in (t for t in system.transformers if t.phase_shift):
-        size = float(magnitudes(network.transformer_section(t, system.base_power)[0, 1]))
-        into[index[t.from_bus]] += size * np.deg2rad(t.phase_shift)
-        into[index[t.to_bus]] -= size * np.deg2rad(t.phase_shift)
+    for t in system.transformers:
+        power = float(magnitudes(network.transformer_section(t, system.base_power)[0, 1])) * np.deg2rad(t.phase_shift)
+        into[index[t.from_bus]] += power
+        into[index[t.to_bus]] -= power
     return into
 
 
