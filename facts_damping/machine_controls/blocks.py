@@ -13,9 +13,15 @@ if TYPE_CHECKING:
 
     Constant = str | float | Callable[[Any], float]  # a field, a number, or a number that follows from fields
 
-Role = Literal["exciter", "stabiliser", "governor"]
+Role = Literal["exciter", "stabiliser", "governor", "inverter", "inverter_control"]
 
-TABLES: dict[Role, str] = {"exciter": "exciters", "stabiliser": "stabilisers", "governor": "governors"}  # of a system
+TABLES: dict[Role, str] = {  # of a system
+    "exciter": "exciters",
+    "stabiliser": "stabilisers",
+    "governor": "governors",
+    "inverter": "inverters",
+    "inverter_control": "inverter_controls",
+}
 
 SHORTEST = 0.002  # s, of time constants; 0: a block without state
 
@@ -31,6 +37,24 @@ class Block(NamedTuple):
     high: Constant | None = None
     low_of: str = "one"  # the signal that the limit is a multiple of
     high_of: str = "one"
+    hold: str = "none"  # the signal that holds its states while it is 1
+    when: Callable[[Any], bool] | None = None  # whether fields ask for it; blocks of one name are alternatives
+
+
+class Source(NamedTuple):
+    """How an inverter feeds the network: the signals of its source, in the direction of an angle.
+
+    `current`: real + j imag is its current, reduced at low and high voltage by `constants` (Lvpnt0, Lvpnt1, Volim,
+    Iolim, Khv). `voltage`: it is an EMF behind the impedance `constants` (R, X), with the current's limit, Imax. These
+    signals, and the angle, follow from states alone.
+    """
+
+    kind: Literal["current", "voltage"]
+    real: str
+    imag: str
+    constants: tuple[Constant, ...]
+    angle: str = ""  # the signal that is its angle, rad; none: that of the terminal's voltage
+    forming: bool = False  # whether its angle is that of the EMF, and not that of the voltage
 
 
 class Model(NamedTuple):
@@ -45,6 +69,7 @@ class Model(NamedTuple):
     record: bool = True  # whether it is one of the PSS/E library's, with fields in the order of a DYR record there
     optional: str = ""  # fields that a system file may leave out: 0
     approximations: dict[str, Callable[[Any], bool]] = {}  # what is otherwise in the library; whether fields ask for it
+    source: Source | None = None  # of an inverter
 
 
 class Quantity(NamedTuple):

@@ -93,6 +93,7 @@ class _Plain(NamedTuple):
     high: float | None
     low_of: str
     high_of: str
+    hold: str
 
 
 def _number(constant: Any, data: Any) -> float:
@@ -147,8 +148,18 @@ def _plain(block: Block, data: Any) -> _Plain:
     elif kind == "dead_time" and c[0] > 0.0:
         states = min(ORDER, max(1, int(c[0] / (2.0 * SHORTEST))))
         p = (c[0], float(states))
+    elif kind == "regulator":  # its state is there with a gain of 0, too: it is what the reference asks for
+        kind, p, states = "pi", (c[0], c[1]), 1
+    elif kind == "dead_band":
+        p = (min(c[0], 0.0), max(c[1], 0.0))
+    elif kind == "room":
+        p = (c[0],)
+    elif kind == "after":
+        p, states = (c[0], SHORTEST), int(c[0] > 0.0)
+    elif kind == "angle_lag":
+        p, states = (max(c[0], SHORTEST),), 1
     low, high = (None if limit is None else _number(limit, data) for limit in (block.low, block.high))
-    return _Plain(block.name, kind, inputs, p, states, low, high, block.low_of, block.high_of)
+    return _Plain(block.name, kind, inputs, p, states, low, high, block.low_of, block.high_of, block.hold)
 
 
 def _points(constants: Sequence[float]) -> tuple[float, ...]:

@@ -26,6 +26,7 @@ ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
     range(13)
 )
 LIMITER, PI, WINDOW, RELAY, SATURATION, QUOTIENT, CURVE, DEAD_TIME = range(13, 21)
+DEAD_BAND, ROOM, AFTER, ANGLE_LAG = range(21, 25)
 # Names of these codes.
 KINDS = (
     "sum",
@@ -49,11 +50,16 @@ KINDS = (
     "quotient",
     "curve",
     "dead_time",
+    "dead_band",
+    "room",
+    "after",
+    "angle_lag",
 )
 MAX_INPUTS = 5
 POINTS = 5  # of a curve
 NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
 STATELESS = -1
+TURN = 2.0 * math.pi
 
 BLOCK = np.dtype(
     [
@@ -67,6 +73,7 @@ BLOCK = np.dtype(
         ("high", "f8"),
         ("low_of", "i8"),  # signals that multiply the limits
         ("high_of", "i8"),
+        ("hold", "i8"),  # the signal that holds its states while it is 1
     ]
 )
 # Of a machine: the rows of each control, and its output signal; no rows: no control of this sort.
@@ -127,7 +134,8 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
     |KP Vt + j (KI + KP XL) It|; sum, and blocks with zero time constant: K u. limiter: a sum whose limits belong to its
     function, so that they hold at the start, too; pi: K u + x, limited; window: its second input while the first is
     between two constants, else the third; relay: x; saturation: K u + B (u - A)^2 above A; quotient of two; dead_time:
-    the sum of its states.
+    the sum of its states; dead_band: u beyond two constants, 0 between them; room: sqrt(K^2 - u^2), 0 beyond K; after:
+    1 while u is 1 and for a time after it; angle_lag: x, an angle in rad that never jumps.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -150,6 +158,12 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
             y = _limited(b, s[b.source[0]] / s[b.source[1]], s)
         elif b.kind == CURVE:
             y = _on_curve(b, u)
+        elif b.kind == DEAD_BAND:
+            y = u - min(max(u, b.p[0]), b.p[1])
+        elif b.kind == ROOM:
+            y = math.sqrt(max(0.0, b.p[0] * b.p[0] - u * u))
+        elif b.kind == AFTER:
+            y = 1.0 if u > 0.5 or (b.state >= 0 and x[b.state] > 0.0) else 0.0
         elif b.state < 0:
             y = _limited(b, b.p[0] * u, s)
         elif b.kind == LEAD_LAG:
@@ -201,7 +215,8 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
     lag: T dx = K u - x; lead_lag, washout, rate: T dx = u - x; servo: dx = clip((u - x) / T, rates); field:
     TE dx = u - KE x - SE(x) x; exponential: the same with SE(x) = A exp(B x); integral: dx = K u. States of lag, servo
     and integral stop at their limits. pi: dx = KI u until its output is at a limit; relay: T dx = 1 - x from one
-    threshold of u up, -x from the other down, between them to the nearer of both.
+    threshold of u up, -x from the other down, between them to the nearer of both; after: x goes to 1 in no time while u
+    is 1, then falls to 0 in T s; angle_lag: T dx = u - x without whole turns. What is held stands still.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -227,6 +242,10 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
         elif b.kind == DEAD_TIME:
             _move_past(b, u, x, dx)
             continue
+        elif b.kind == AFTER:
+            slope = (1.0 - state) / b.p[1] if u > 0.5 else (-1.0 / b.p[0] if state > 0.0 else 0.0)
+        elif b.kind == ANGLE_LAG:
+            slope = (u - state - TURN * math.floor((u - state) / TURN + 0.5)) / b.p[0]
         elif b.kind == SECOND_ORDER:
             dx[b.state + 1] = _acceleration(b, u, x)
             slope = x[b.state + 1]
@@ -237,7 +256,7 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
             above, below = reached >= b.high * s[b.high_of], reached <= b.low * s[b.low_of]
             if (above and slope > 0.0) or (below and slope < 0.0):
                 slope = 0.0
-        dx[b.state] = slope
+        dx[b.state] = 0.0 if s[b.hold] > 0.5 else slope
 
 
 @entry_point
