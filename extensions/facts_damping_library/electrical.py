@@ -146,6 +146,6 @@ def _stepped(name: str) -> Callable[[Any], float]:
 
     def voltage(f: Any) -> float:
         kind, i = name[:2], int(name[2:])
-        return getattr(f, name) + STEP * (i > 1 and getattr(f, name) == getattr(f, f"{kind}{i - 1}"))
+        return float(getattr(f, name)) + STEP * (i > 1 and getattr(f, name) == getattr(f, f"{kind}{i - 1}"))
 
     return voltage
