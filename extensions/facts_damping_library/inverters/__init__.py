@@ -1,0 +1,1 @@
+"""Inverters, and their controls."""
