@@ -14,7 +14,8 @@ order of the record: GridPACK.
 from __future__ import annotations
 
 from facts_damping.machine_controls.blocks import Block, Model, Source
-from facts_damping_library.inverters.parts import CURRENT_LIMIT, FORMED_ANGLE, overload, seen
+from facts_damping.plant.machines.blocks import NO_LIMIT
+from facts_damping_library.inverters.parts import overload, seen
 
 ROW = Model(
     "inverter",
@@ -29,7 +30,9 @@ ROW = Model(
         *overload("Q", "KPQMAX", "KIQMAX"),
         Block("droop", "sum", "MP * Pref + MP * Paux - MP * P_seen"),
         Block("slip", "sum", "droop + P_above + P_below"),
-        *FORMED_ANGLE,
+        Block("angle_rate", "product", "omega_0 + slip"),
+        Block("angle_order", "integral", "angle_rate", (1.0,)),
+        Block("angle", "lag", "angle_order", (1.0, "TD")),
         Block("Vset", "sum", "Qext", when=lambda f: f.QVFLAG == 1),
         Block("Vset", "sum", "E0", when=lambda f: f.QVFLAG == 0 and f.VFLAG == 0),
         Block("Vset", "sum", "Vt0", when=lambda f: f.QVFLAG == 0 and f.VFLAG == 1),
@@ -44,5 +47,5 @@ ROW = Model(
         Block("E", "lag", "E_limited", (1.0, "TV")),
     ),
     optional="RE TD TE TV",
-    source=Source("voltage", "E", "none", ("RE", "XE", CURRENT_LIMIT), "angle", forming=True),
+    source=Source("voltage", "E", "none", ("RE", "XE", lambda f: f.IMAX or NO_LIMIT), "angle", forming=True),
 )
