@@ -84,8 +84,8 @@ COMMANDS = """# Commands
 
 All commands of the program `facts-damping` and their options; `facts-damping --help` lists them in brief. After
 `make demo` it is in `.venv/bin`; activate the environment first with `. .venv/bin/activate`. `python -m facts_damping`
-is the same program, and so is `ros2 run facts_damping facts-damping` in a colcon workspace. `bench` and `reproduce` come
-with a checkout. [Running](running.md) explains what the commands write.
+is the same program, and so is `ros2 run facts_damping facts-damping` in a colcon workspace. `bench` and `reproduce`
+come with a checkout. [Running](running.md) explains what the commands write.
 
 Shells complete commands, options and names after `eval "$(register-python-argcomplete facts-damping)"`.
 """
