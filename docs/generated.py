@@ -144,7 +144,7 @@ def commands() -> str:
         lines += [f"## {name}", "", verb.description or "", "", "```text", usage, "```", ""]
         lines += _argument_table([row for row in options[name] if row not in common])
         if verb.epilog:
-            lines += ["Examples:", "", *(f"    {line.strip()}" for line in verb.epilog.splitlines()[1:]), ""]
+            lines += [*(f"    {line.strip()}" for line in verb.epilog.splitlines()[1:]), ""]
     return "\n".join(lines)
 
 
@@ -226,10 +226,9 @@ def _parameters() -> Iterator[str]:
 
 def _sentences(model: type[ParameterModel]) -> str:
     links = " and ".join(f"[{FAMILIES[base]}](#{FAMILIES[base].lower()})" for base in _families(model))
-    also = f"with the fields of {links}" if links else ""
-    distinguishing = [f"`{name}: {value}`" for name, value in _constants(model).items()]
-    told = ", ".join([*distinguishing, *([also] if also else [])])
-    return inspect.cleandoc(model.__doc__ or "") + (f"\n\n{told[0].upper()}{told[1:]}." if told else "")
+    kind = [f"`{name}: {value}`" for name, value in _constants(model).items()]
+    sentence = ", ".join([*kind, f"with the fields of {links}"] if links else kind)
+    return inspect.cleandoc(model.__doc__ or "") + (f"\n\n{sentence[0].upper()}{sentence[1:]}." if sentence else "")
 
 
 def _constants(model: type[ParameterModel]) -> dict[str, Any]:
