@@ -33,21 +33,28 @@ ARM_AT = 0.5  # s; used if the command line asks for supervision
 
 def read_system(name: str, sets: list[str] | None = None) -> System:
     """A system by name or path, as its file has it, with `--set` applied."""
+    return check(System, *_system_content(name, sets))
+
+
+def _system_content(name: str, sets: list[str] | None) -> tuple[dict[str, Any], str, dict[str, str]]:
+    """A system's content with `--set` applied, its file, and what gave the fields that were set."""
     path = find("systems", name)
     content = read_table(path)
     values, origins = read_sets(sets or [])
     for field_path, value in values.items():
         for key in each_path(content, field_path):
             set_field(content, key, value, origins[field_path])
-    return check(System, content, str(path), origins)
+    return content, str(path), origins
 
 
 def load_system(name: str, sets: list[str] | None = None, scenario: str | None = None) -> System:
     """A system by name or path, with `--set`, a scenario's dispatch and the devices applied."""
-    system = read_system(name, sets)
+    content, path, origins = _system_content(name, sets)
+    system = check(System, content, path, origins)
     if scenario is not None:
         source = read_source("scenarios", scenario, "scenario", f"{system.name}/")
-        system = _dispatched(system, checked(Scenario, source), source.file)
+        content = _dispatched(content, checked(Scenario, source), source.file)
+        system = check(System, content, path, origins)
     return place(system)
 
 
@@ -117,7 +124,8 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
 
 def _made(content: Any, sets: dict[str, str]) -> Case:
     run = check_field(Run, content, "")
-    system = checked(System, read_source("systems", run.system, "system"))
+    system_source = read_source("systems", run.system, "system")
+    system = checked(System, system_source)
     model = None if run.model is None else _model(checked(System, read_source("systems", run.model, "model")), system)
     sources = resolve(run, system.name)
     scenario, scenario_file = checked(Scenario, sources.scenario), sources.scenario.file
@@ -126,7 +134,10 @@ def _made(content: Any, sets: dict[str, str]) -> Case:
     for i, field in enumerate(["link", *(f"controllers.{c}.link" for c in range(len(run.controllers)))]):
         check_felt(link if i == 0 else links[used[i - 1]], field, measurement, sets)
     links = [beside(signed(run_link) if run.security else run_link, measurement) for run_link in links]
-    placed = place(_dispatched(system, scenario, scenario_file))
+    dispatched = system
+    if scenario.dispatch:
+        content = _dispatched(system_source.content, scenario, scenario_file)
+        dispatched = checked(System, system_source._replace(content=content))
     latency = reference_filter(measurement, system.frequency, run.frame_rate).delay / run.frame_rate
     controllers, settings = [], (run.frame_rate, latency, measurement.filter, run.tuning)
     for i, controller in enumerate(run.controllers):
@@ -134,7 +145,7 @@ def _made(content: Any, sets: dict[str, str]) -> Case:
             controller = controller.model_copy(update={"link": links[used[i]].model_dump()})  # noqa: PLW2901
         controllers.append(filled(controller, f"controllers.{i}", system, links[used[i]], *settings))
     supervision = supervision_of(run, sources.supervision)
-    case = Case(run, controllers, placed, scenario, measurement, link, links, used, supervision, model)
+    case = Case(run, controllers, place(dispatched), scenario, measurement, link, links, used, supervision, model)
     check_case(case)
     check_fallbacks(case)
     check_events(case, scenario_file)
@@ -162,12 +173,9 @@ def _model(model: System, system: System) -> System:
     return place(model)
 
 
-def _dispatched(system: System, scenario: Scenario, where: str) -> System:
-    scheduled = [m.name for m in system.machines if not m.slack]
-    for name in scenario.dispatch:
-        check_known(f"{where}: dispatch", name, scheduled)
-    machines = [
-        m.model_copy(update={"P": scenario.dispatch[m.name]}) if m.name in scenario.dispatch else m
-        for m in system.machines
-    ]
-    return system.model_copy(update={"machines": machines})
+def _dispatched(content: dict[str, Any], scenario: Scenario, where: str) -> dict[str, Any]:
+    """A system's content with a scenario's powers of its machines, of which inverters may then have shares."""
+    rows, dispatch = content.get("machines", []), scenario.dispatch
+    for name in dispatch:
+        check_known(f"{where}: dispatch", name, [row["name"] for row in rows if not row.get("slack")])
+    return {**content, "machines": [{**row, "P": dispatch.get(row["name"], row.get("P"))} for row in rows]}
