@@ -60,7 +60,7 @@ class Rows:
         self.control = block_controls.control(*models, signals=SIGNALS)
         self.names = [*NAMES, *self.control.gives]
         references = [name for name in ("Pext", "Qext") if self.uses(name) and name not in self.control.gives]
-        wanted = {"Ip": p / v, "Iq": -q / v}
+        wanted = {"Ip": p / v, "Iq_ahead": -q / v}
         self.rest = block_rest.at_rest(self.control, list(models), sensed, wanted, references, SIGNALS)
         self.x, self.values = self.rest.states.copy(), self.rest.signals.copy()
         self.dx = np.zeros_like(self.x)
