@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 RATING = 200.0  # MVA
 P, Q, V = 0.8, 0.2, 1.02  # p.u., of the start
 OMEGA_0 = 2.0 * np.pi * 60.0
+CONVERTERS, CONTROLS = TypeAdapter[Any](Inverter), TypeAdapter[Any](InverterControl)
 NAMES = [*SIGNALS.known, *SIGNALS.measured]
 # Constants by model, in the order of their records: no two alike where that matters, no limit active.
 CONSTANTS = {
@@ -41,12 +42,12 @@ def fields(model: str, **changes: float) -> dict[str, float]:
 
 def converter(model: str = "REGCA1", *, p: float = P, q: float = Q, **changes: float) -> Any:
     row = {"name": "IBR1", "bus": "1", "rating": RATING, "P": p * RATING, "Q": q * RATING, "model": model}
-    return TypeAdapter(Inverter).validate_python(row | fields(model, **changes))
+    return CONVERTERS.validate_python(row | fields(model, **changes))
 
 
 def control(model: str, **changes: float) -> Any:
     row = {"inverter": "IBR1", "model": model}
-    return TypeAdapter(InverterControl).validate_python(row | fields(model, **changes))
+    return CONTROLS.validate_python(row | fields(model, **changes))
 
 
 class Rows:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from facts_damping.machine_controls.block_models import quantity_of
 from facts_damping_library import MODELS
 from facts_damping_library.page import diagram
 from tests.plant.inverter_rows import OMEGA_0, P, Q, Rows, V, control, converter
@@ -152,19 +153,34 @@ FLAGS = [
 
 
 @pytest.mark.parametrize("model", ELECTRICAL)
-@pytest.mark.parametrize(("p", "q"), [(0.8, 0.2), (0.3, -0.4), (0.0, 0.0)])
-def test_every_set_of_flags_starts_at_rest(model: str, p: float, q: float) -> None:
+def test_every_set_of_flags_starts_at_rest(model: str) -> None:
     """In any dispatch, with and without a plant control, whose output is a voltage where QFLAG is 1 and VFLAG 0.
 
     A power factor gives no voltage, so PFFLAG 1 is of no use there.
     """
+    dispatches = itertools.cycle([(0.8, 0.2), (0.3, -0.4), (0.0, 0.0), (1.0, 0.5)])
     for flags, reference, with_plant in itertools.product(FLAGS, (0.0, 1.0), (False, True)):
-        limits = {"Qmax": 1.5, "Qmin": -1.5}
-        plants = [control("REPCA1", RefFlag=reference, Fflag=reference, **limits)] if with_plant else []
-        rows = Rows(converter(p=p, q=q, Lvplsw=1.0), control(model, **flags), *plants)
+        p, q = next(dispatches)
+        plants = [control("REPCA1", RefFlag=reference, Fflag=reference, Qmax=1.5, Qmin=-1.5)] if with_plant else []
+        rows = Rows(converter(p=p, q=q, Lvplsw=reference), control(model, **flags), *plants)
         assert rows.rest.violations == []
         assert np.abs(rows.dx).max() < 1e-8
         assert [rows["Ip"], rows["Iq_ahead"]] == pytest.approx([p / V, -q / V], abs=1e-8)
+
+
+@pytest.mark.parametrize("model", ELECTRICAL)
+def test_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
+    """But for those of the converter, as its source follows from states; the steady gains stay."""
+    fast = {name: 0.0 for name in MODELS[model].fields.split() if quantity_of(name).time}
+    plant_fast = dict.fromkeys(("Tfltr", "Tfv", "Tft", "Tp", "Tg"), 0.0)
+    flags = {"RefFlag": 1.0, "Fflag": 1.0}
+    plain = Rows(converter(), control(model), control("REPCA1", **flags))
+    rows = Rows(converter(Tfltr=0.0), control(model, **fast), control("REPCA1", **plant_fast, **flags))
+    assert set(rows.control.states) < set(plain.control.states)
+    assert rows.rest.violations == []
+    for moved, output in (("Vbus", "Iq_ahead"), ("Pbranch", "Ip")):
+        s = 1e-3j
+        assert rows.response(moved, output, s) == pytest.approx(plain.response(moved, output, s), rel=1e-3)
 
 
 @pytest.mark.parametrize(
