@@ -56,20 +56,23 @@ EXPECTED: list[tuple[str, dict[str, float], dict[str, float] | None, str, str, E
         (m, {}, None, "Vt", "Iq", lambda s, d: -(d.Kqv + Q / V**2 * lag(s, d.Tiq)) * lag(s, d.Trv))
         for m in ("REECB1", "REECD1")
     ),
-    *((m, {"PFFLAG": 1}, None, "Pe", "Iq", lambda s, d: Q / P * lag(s, d.Tp) * lag(s, d.Tiq) / V) for m in ELECTRICAL),
     *(
-        (m, {"QFLAG": 1, "VFLAG": 1}, None, x, "Iq", lambda s, d, sign=sign: sign * np.prod(regulators(s, d)))
+        (m, {"PFFLAG": 1.0}, None, "Pe", "Iq", lambda s, d: Q / P * lag(s, d.Tp) * lag(s, d.Tiq) / V)
+        for m in ELECTRICAL
+    ),
+    *(
+        (m, {"QFLAG": 1.0, "VFLAG": 1.0}, None, x, "Iq", lambda s, d, sign=sign: sign * np.prod(regulators(s, d)))
         for m in ELECTRICAL[:2]
         for x, sign in (("Qext", 1.0), ("Qaux", 1.0), ("Qe", -1.0))
     ),
-    *((m, {"QFLAG": 1, "VFLAG": 1}, None, "Vaux", "Iq", lambda s, d: regulators(s, d)[1]) for m in ELECTRICAL),
-    *((m, {"QFLAG": 1, "VFLAG": 0}, None, "Vaux", "Iq", lambda s, d: regulators(s, d)[1]) for m in ELECTRICAL),
-    *((m, {"QFLAG": 1, "VFLAG": 0}, None, "Qext", "Iq", lambda s, d: regulators(s, d)[1]) for m in ELECTRICAL),
-    ("REECA1", {"QFLAG": 1, "VFLAG": 1}, None, "Vt", "Iq", lambda s, d: -regulators(s, d)[1] * lag(s, d.Trv)),
-    ("REECB1", {"QFLAG": 1}, None, "Vt", "Iq", lambda s, d: -(regulators(s, d)[1] + d.Kqv) * lag(s, d.Trv)),
+    *((m, {"QFLAG": 1.0, "VFLAG": 1.0}, None, "Vaux", "Iq", lambda s, d: regulators(s, d)[1]) for m in ELECTRICAL),
+    *((m, {"QFLAG": 1.0, "VFLAG": 0.0}, None, "Vaux", "Iq", lambda s, d: regulators(s, d)[1]) for m in ELECTRICAL),
+    *((m, {"QFLAG": 1.0, "VFLAG": 0.0}, None, "Qext", "Iq", lambda s, d: regulators(s, d)[1]) for m in ELECTRICAL),
+    ("REECA1", {"QFLAG": 1.0, "VFLAG": 1.0}, None, "Vt", "Iq", lambda s, d: -regulators(s, d)[1] * lag(s, d.Trv)),
+    ("REECB1", {"QFLAG": 1.0}, None, "Vt", "Iq", lambda s, d: -(regulators(s, d)[1] + d.Kqv) * lag(s, d.Trv)),
     (
         "REECD1",
-        {"QFLAG": 1, "VFLAG": 1},
+        {"QFLAG": 1.0, "VFLAG": 1.0},
         None,
         "Qe",  # in the droop of the voltage, too
         "Iq",
@@ -77,29 +80,29 @@ EXPECTED: list[tuple[str, dict[str, float], dict[str, float] | None, str, str, E
     ),
     (
         "REECD1",
-        {"QFLAG": 1},
+        {"QFLAG": 1.0},
         None,
         "Vt",
         "Iq",
         lambda s, d: -d.Kqv * lag(s, d.Trv) - lag(s, d.Tr1) * regulators(s, d)[1],
     ),
-    ("REECA1", {"PFLAG": 1}, None, "speed", "Ip", lambda s, d: P * lag(s, d.Tpord) / V),
-    ("REECD1", {"PFLAG": 1}, None, "speed", "Ip", lambda s, d: P * lag(s, d.Tpord) / V),
+    ("REECA1", {"PFLAG": 1.0}, None, "speed", "Ip", lambda s, d: P * lag(s, d.Tpord) / V),
+    ("REECD1", {"PFLAG": 1.0}, None, "speed", "Ip", lambda s, d: P * lag(s, d.Tpord) / V),
     # The plant control before REEC_B with a constant Q: Qext / V behind Tiq.
-    ("REECB1", {}, {"RefFlag": 1}, "Vbus", "Iq", lambda s, d: -plant(s, d) * lag(s, d.Tfltr)),
-    ("REECB1", {}, {"RefFlag": 1}, "Qbranch", "Iq", lambda s, d: -d.Kc * plant(s, d) * lag(s, d.Tfltr)),
-    ("REECB1", {}, {"RefFlag": 1, "VCFlag": 1}, "Vcomp", "Iq", lambda s, d: -plant(s, d) * lag(s, d.Tfltr)),
-    ("REECB1", {}, {"RefFlag": 1, "VCFlag": 1}, "Vbus+Qbranch", "Iq", lambda _s, _d: 0.0),
-    ("REECB1", {}, {"RefFlag": 1}, "Vplant", "Iq", plant),
+    ("REECB1", {}, {"RefFlag": 1.0}, "Vbus", "Iq", lambda s, d: -plant(s, d) * lag(s, d.Tfltr)),
+    ("REECB1", {}, {"RefFlag": 1.0}, "Qbranch", "Iq", lambda s, d: -d.Kc * plant(s, d) * lag(s, d.Tfltr)),
+    ("REECB1", {}, {"RefFlag": 1.0, "VCFlag": 1.0}, "Vcomp", "Iq", lambda s, d: -plant(s, d) * lag(s, d.Tfltr)),
+    ("REECB1", {}, {"RefFlag": 1.0, "VCFlag": 1.0}, "Vbus+Qbranch", "Iq", lambda _s, _d: 0.0),
+    ("REECB1", {}, {"RefFlag": 1.0}, "Vplant", "Iq", plant),
     ("REECB1", {}, {}, "Vplant", "Iq", lambda _s, _d: 0.0),
     ("REECB1", {}, {}, "Qbranch", "Iq", lambda s, d: -plant(s, d) * lag(s, d.Tfltr)),
     ("REECB1", {}, {}, "Qplant", "Iq", lambda s, d: (1.0 + s * d.Tft) / (1.0 + s * d.Tfv)),
     ("REECB1", {}, {}, "Pext", "Ip", lambda s, _d: lag(s, 0.04) / V),
-    ("REECB1", {}, {"Fflag": 1}, "Pplant", "Ip", lambda s, d: lag(s, d.Tg)),
+    ("REECB1", {}, {"Fflag": 1.0}, "Pplant", "Ip", lambda s, d: lag(s, d.Tg)),
     (
         "REECB1",
         {},
-        {"Fflag": 1},
+        {"Fflag": 1.0},
         "Pbranch",
         "Ip",
         lambda s, d: -(d.Kpg + d.Kig / s) * lag(s, d.Tp) * lag(s, d.Tg),
@@ -107,7 +110,7 @@ EXPECTED: list[tuple[str, dict[str, float], dict[str, float] | None, str, str, E
     (
         "REECB1",
         {},
-        {"Fflag": 1},
+        {"Fflag": 1.0},
         "theta_bus",
         "Ip",
         lambda s, d: -20.0 * s / OMEGA_0 * lag(s, T_FREQUENCY) ** 2 * (d.Kpg + d.Kig / s) * lag(s, d.Tg),
@@ -189,8 +192,8 @@ def test_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
         ("REECB1", {"Pmax": 0.7}, "Pmax"),
         ("REECA1", {"Pmin": 0.85}, "Pmin"),
         ("REECD1", {"Imax": 0.5}, None),
-        ("REECB1", {"QFLAG": 1, "VFLAG": 1, "Vmax": 1.01}, "Vmax"),
-        ("REECA1", {"QFLAG": 1, "VFLAG": 1, "Qmax": 0.1}, "Qmax"),
+        ("REECB1", {"QFLAG": 1.0, "VFLAG": 1.0, "Vmax": 1.01}, "Vmax"),
+        ("REECA1", {"QFLAG": 1.0, "VFLAG": 1.0, "Qmax": 0.1}, "Qmax"),
     ],
 )
 def test_limit_that_excludes_the_start_is_told(model: str, changes: dict[str, float], field: str | None) -> None:
