@@ -186,8 +186,8 @@ def _plain(block: Block, data: Any) -> _Plain:
         kind, p, states = "pi", (c[0], c[1]), 1
     elif kind == "dead_band":
         p = (min(c[0], 0.0), max(c[1], 0.0))
-    elif kind == "room":
-        p = (c[0],)
+    elif kind in ("room", "stop"):
+        p, states = (c[0],), int(kind == "stop")
     elif kind == "after":
         p, states = (c[0], SHORTEST), int(c[0] > 0.0)
     elif kind == "angle_lag":

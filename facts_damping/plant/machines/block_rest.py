@@ -77,18 +77,20 @@ def at_rest(
 ) -> Rest:
     """States and values of the signals `references` for which outputs are as `gives` at steady state.
 
-    It is solved by Newton's method without limits; what these do not determine is as near to the start of the search as
-    can be. Raises `InputError` if there is no steady state.
+    It is solved by Newton's method without limits, but for stops, which rest at 0; what these do not determine is as
+    near to the start of the search as can be. Raises `InputError` if there is no steady state.
     """
     names = [*signals.known, *signals.measured]
     s, at = np.zeros(len(names) + len(block_control.rows)), len(names)
     for name, value in {"one": 1.0, **sensed}.items():
         s[names.index(name)] = value
     free = block_control.rows.copy()
-    freed = free["kind"] != kernel.LIMITER
+    stops = free["kind"] == kernel.STOP
+    freed = (free["kind"] != kernel.LIMITER) & ~stops
     free["low"][freed], free["high"][freed] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["low_of"][freed] = free["high_of"][freed] = kernel.ONE
     free["hold"] = kernel.NONE
+    free["p"][stops, 0] = 0.0
     outputs = [at + block_control.gives.index(name) for name in gives]
     places, n = [names.index(name) for name in references], len(block_control.states)
 
@@ -100,7 +102,9 @@ def at_rest(
 
     usual = max((abs(value) for value in gives.values()), default=1.0) if signals is MACHINE else 1.0
     for scale in STARTS:
-        z = _zero(moves, np.full(n + len(places), scale * usual))
+        z = np.full(n + len(places), scale * usual)
+        z[free["state"][stops]] = 0.0
+        z = _zero(moves, z)
         if z is not None:
             break
     else:
