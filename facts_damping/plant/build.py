@@ -115,7 +115,7 @@ def build(
         oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
         network=np.zeros((0, 0, 0), complex) if large else np.array([reduce_network(*part) for part in intervals]),
         sparse_networks=Table([sparse_network(*part) for part in intervals] if large else []),
-        pmu_machine=np.array([at[pmu.machine] for pmu in system.pmus]),
+        pmu_machine=np.array([at.get(pmu.machine, -1) for pmu in system.pmus]),
     )
     n, none = len(installed), np.zeros(len(ports.rows), np.complex128)
     lines = line([system.device(name).dead_time for name in installed])
