@@ -214,7 +214,7 @@ class Following:
 
     def __init__(self, p: Any, V: complex, S: complex, _omega_0: float) -> None:
         self.p, self.Z, self.pll = p, complex(p.Re, p.Xe), p.model == "REGCC1"
-        self.states = ("V_filtered", "Ip", "Iq_into", "Ed", "Eq")
+        self.states: tuple[str, ...] = ("V_filtered", "Ip", "Iq_into", "Ed", "Eq")
         Vt = abs(V)
         I0 = S.conjugate() / Vt
         E = Vt + self.Z * I0

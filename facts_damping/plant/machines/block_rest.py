@@ -102,9 +102,9 @@ def at_rest(
 
     usual = max((abs(value) for value in gives.values()), default=1.0) if signals is MACHINE else 1.0
     for scale in STARTS:
-        z = np.full(n + len(places), scale * usual)
-        z[free["state"][stops]] = 0.0
-        z = _zero(moves, z)
+        begin = np.full(n + len(places), scale * usual)
+        begin[free["state"][stops]] = 0.0
+        z = _zero(moves, begin)
         if z is not None:
             break
     else:
