@@ -150,7 +150,7 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
         if b.kind == PRODUCT:
             y = s[b.source[0]] * s[b.source[1]]
         elif b.kind == SOURCE:
-            voltage, current = complex(s[VD], s[VQ]), complex(s[ID], s[IQ])
+            voltage, current = complex(s[b.source[0]], s[b.source[1]]), complex(s[b.source[2]], s[b.source[3]])
             y = magnitude(complex(b.p[0], b.p[1]) * voltage + complex(b.p[2], b.p[3]) * current)
         elif b.kind == RECTIFIER:
             y = _rectified(s[b.source[0]], b.p[0] * s[b.source[1]])
