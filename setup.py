@@ -121,8 +121,8 @@ setup(
         NAME: ["templates/*/*.txt"],
         f"{NAME}.compiling": ["objects/*.o"],  # where `make wheel` has put them
         f"{NAME}.nodes": ["fast*.xml"],
-        f"{NAME}.report": ["page.*", "sentences.yaml"],
         f"{WINGS['views']}.cockpit": ["static/*", "static/*/*"],
+        f"{WINGS['views']}.report": ["page.*", "sentences.yaml"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -27,8 +27,8 @@ from facts_damping.analysis.verdict import judge
 from facts_damping.case.loading import load_case
 from facts_damping.output.terminal import Progress
 from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.study import Study
 from facts_damping.simulation import loop
+from facts_damping_studies.parameters import Study
 from facts_damping_studies.sweeps import batch, sweep
 from facts_damping_studies.sweeps.pool import workers
 

@@ -23,8 +23,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.signal.windows import hamming
 
-from facts_damping.analysis.plotting.time_frequency_plots import plot_distribution
-from facts_damping.analysis.time_frequency import analyse, analytic, spwvd
+from facts_damping_views.analysis.time_frequency import analyse, analytic, spwvd
+from facts_damping_views.analysis.time_frequency_plots import plot_distribution
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -36,11 +36,11 @@ from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Run, Tuned, Weights
 from facts_damping.parameters.security import Keys
 from facts_damping.parameters.stages import Disturbance, StageModel
-from facts_damping.parameters.study import Study
 from facts_damping.parameters.supervision import Supervision
 from facts_damping_library.page import page
 from facts_damping_streams.parameters import Streams
 from facts_damping_studies.campaigns.parameters import Campaign
+from facts_damping_studies.parameters import Study
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

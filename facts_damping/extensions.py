@@ -43,12 +43,15 @@ def given(group: str) -> dict[str, EntryPoint]:
     return {hook.name: hook for hook in sorted(every(), key=lambda hook: hook.name) if hook.group == PREFIX + group}
 
 
-def module(name: str) -> ModuleType:
-    """A module under this package's name that another package has. Raises `ModuleNotFoundError`."""
-    row = given("modules").get(name)
+def module(name: str, wing: str | None = None) -> ModuleType:
+    """A module under this package's name that another package has. Raises `ModuleNotFoundError`.
+
+    `wing`: name in `commands` of the package whose room of that name it is; None: its own name is in `modules`.
+    """
+    row = given("modules").get(name) if wing is None else given("commands").get(wing)
     if row is None:
         raise ModuleNotFoundError(f"No module named 'facts_damping.{name}'", name=f"facts_damping.{name}")
-    return importlib.import_module(row.value)
+    return importlib.import_module(row.value if wing is None else f"{row.value}.{name}")
 
 
 @cache

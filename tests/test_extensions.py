@@ -149,6 +149,7 @@ def test_names_of_extending_are_those_that_type_checkers_see() -> None:
         ("facts_damping.plant.converters.devices", ["DeviceKind"]),
         ("facts_damping.plant.converters.site", ["Start"]),
         ("facts_damping.recording", ["load", "recover"]),
+        ("facts_damping.report", ["write"]),
         ("facts_damping.simulation.changes", ["rerun"]),
         ("facts_damping.testing", ["Loopback", "loopback"]),
     ],

@@ -15,8 +15,8 @@ from facts_damping.analysis import summarise
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.cli.main import main
 from facts_damping.findings import names, names_of_seeds, title, without_control
-from facts_damping.report.contents import ReportedRun
-from facts_damping.report.sections import build
+from facts_damping_views.report.contents import ReportedRun
+from facts_damping_views.report.sections import build
 
 if TYPE_CHECKING:
     from pathlib import Path

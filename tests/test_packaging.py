@@ -155,7 +155,7 @@ def test_tables_and_pages_of_the_package_are_installed(install: Path) -> None:
     code = """
 from pathlib import Path
 from facts_damping.cli.parser import parser
-from facts_damping.report.contents import SENTENCES
+from facts_damping_views.report.contents import SENTENCES
 import facts_damping_views.cockpit as cockpit
 commands = next(action.choices for action in parser()._actions if action.choices)
 static = Path(cockpit.__file__).with_name("static")

@@ -18,14 +18,23 @@ if TYPE_CHECKING:
 
 HEAD = """# Models of the PSS/E library
 
-Each control of a machine with its fields in the order of a DYR record, and its blocks. The page is made from the files
-beside it (`python docs/generated.py`); [Machines and controls](../../docs/machines.md) tells how they are used and how
-a model is added. Time constants (`T...`) are in s, all else is in p.u. or a code.
+Controls of machines, and inverters with theirs, with their fields in the order of a DYR record, and their blocks. The
+page is made from the files beside it (`python docs/generated.py`); [Machines and controls](../../docs/machines.md)
+tells how they are used and how a model is added. Time constants (`T...`) are in s, all else is in p.u. or a code.
 
 A line of a diagram is a block: what goes in, its transfer function, what it gives. `[low .. high]` are limits. Signals
 from the machine, in p.u. of its rating: `Vt` terminal voltage, `omega` speed deviation, `Pe` electrical power, `Pa`
 accelerating power, `Ifd` field current, `Vt0` terminal voltage at the start; `Vref`,
 `Pref` references, `Vs` a stabiliser's output.
+
+The blocks of an inverter and of its controls stand together. Their signals, in p.u. of its rating and out of it:
+`Vt`, `Pe`, `Qe` at its terminals, `Vd`, `Vq`, `Id`, `Iq` in the frame of its source's angle; `Vbus`, `theta_bus` of the
+bus that a plant control regulates, `Vcomp` compensated along the branch that it sees, with `Pbranch`, `Qbranch`; with a
+0 what they are at the start; `Pext`, `Qext` references, for which a plant control's output stands; `Pref` that of the
+power, behind a turbine's control; `speed` of a turbine, 1 without one; `Paux`, `Qaux`, `Vaux`, `Pplant`, `Qplant`,
+`Vplant` setpoints of wide-area control. Behind a semicolon stands for which fields there is a block, and the signal
+that holds its state while it is 1. Of a source the parts along and ahead of its angle are told: a current ahead of the
+voltage takes reactive power.
 """
 # Transfer functions by kind, with the constants of the block.
 FORMS = {
@@ -51,23 +60,29 @@ FORMS = {
     "quotient": "quotient",
     "curve": "curve of points",
     "dead_time": "exp(-s {0})",
+    "regulator": "{0} + {1} / s",
+    "dead_band": "dead band {0} .. {1}",
+    "room": "sqrt({0}² - u²)",
+    "after": "1, {0} s longer",
+    "angle_lag": "1 / (1 + s {0}), of an angle",
 }
+TITLES = {"inverter_control": "Controls of inverters"}
 NONLINEAR = ("product", "rectifier", "quotient", "window")
 
 
 def page() -> str:
     """The page as Markdown."""
     lines = [HEAD]
-    for role in ("exciter", "governor", "stabiliser"):
+    for role in ("exciter", "governor", "stabiliser", "inverter", "inverter_control"):
         names = sorted(name for name, model in MODELS.items() if model.role == role)
-        lines += [f"## {role.capitalize()}s", ""]
+        lines += [f"## {TITLES.get(role, f'{role.capitalize()}s')}", ""]
         for name in names:
             lines += [f"### {name}", "", *_about(name, MODELS[name]), ""]
     return "\n".join(lines)
 
 
 def _about(name: str, model: Model) -> Iterator[str]:
-    module = importlib.import_module(f"{__package__}.{model.role}s.{name.lower()}")
+    module = importlib.import_module(f"{__package__}.{model.role.removesuffix('_control')}s.{name.lower()}")
     text = inspect.cleandoc(module.__doc__ or "").partition("\n\n")[2]
     yield f"{model.text[0].upper()}{model.text[1:]}{'' if model.record else '; not in the PSS/E library'}."
     if text:
@@ -76,6 +91,11 @@ def _about(name: str, model: Model) -> Iterator[str]:
     yield f"\nFields: {' '.join(f'`{field}`' for field in model.fields.split())}.{ignored}"
     if model.approximations:
         yield f"\nOtherwise than in the library where fields ask for it: {'; '.join(model.approximations)}."
+    if model.source:
+        signals = (
+            f"`{model.source.real}`, `{model.source.imag}`{f', `{model.source.angle}`' if model.source.angle else ''}"
+        )
+        yield f"\nIts source is a {model.source.kind}: {signals}."
     yield f"\n```text\n{chr(10).join(diagram(model))}\n```"
 
 
@@ -86,8 +106,17 @@ def diagram(model: Model) -> list[str]:
     wide, function_wide = max(map(len, inputs)), max(map(len, functions))
     rows = zip(inputs, functions, model.blocks, strict=True)
     return [
-        f"{signals:>{wide}} -->[ {function:^{function_wide}} ]--> {block.name}" for signals, function, block in rows
+        f"{signals:>{wide}} -->[ {function:^{function_wide}} ]--> {block.name}{_conditions(block)}"
+        for signals, function, block in rows
     ]
+
+
+def _conditions(block: Block) -> str:
+    """For which fields there is a block, and what holds its states."""
+    asked = _text(block.when).strip("()") if block.when else ""
+    held = "" if block.hold == "none" else f"held by {block.hold}"
+    texts = [text.replace(".0", "") for text in (asked, held) if text]
+    return f"; {', '.join(texts)}" if texts else ""
 
 
 def _inputs(block: Block) -> str:
@@ -116,6 +145,8 @@ def _text(constant: Constant) -> str:
         return constant
     if not callable(constant):
         return f"{constant:g}"
+    if constant.__doc__ and constant.__closure__:
+        return constant.__doc__.rstrip(".").lower()
     if constant.__closure__:
         return " ".join(str(cell.cell_contents) for cell in constant.__closure__)
     text = _lambdas(constant.__module__).get(_does(constant.__code__), constant.__name__)

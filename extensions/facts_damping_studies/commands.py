@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from facts_damping.case import loading
-from facts_damping.cli.reporting import detailed, page, run_result, say
+from facts_damping.cli.reporting import say
 from facts_damping.errors import DegradedError, InputError
 from facts_damping.interruption import CONTINUES, clean_up_first
 from facts_damping.output.terminal import Progress
@@ -99,6 +99,8 @@ def _check_report(path: str | None, plan: SweepPlan, folder: Path) -> None:
 
 def _report(arguments: argparse.Namespace, plan: SweepPlan) -> None:
     """Write one page that compares the runs of a study, each named by what differs; the runs are made again."""
+    from facts_damping_views.report import write
+
     named, columns = [], plan.points[0].columns
     differing = [name for name in columns if len({str(point.columns[name]) for point in plan.points}) > 1]
     with Progress("report", "runs") as progress:
@@ -106,9 +108,8 @@ def _report(arguments: argparse.Namespace, plan: SweepPlan) -> None:
             progress(done, len(plan.points))
             name = ", ".join(str(point.columns[name]) for name in differing)
             named.append((name or plan.name, loop.run(make(plan.base, point.changes))))
-    records = [record for _, record in named]
-    results = detailed([run_result(record) for record in records], records, 0)
-    say(arguments, *page(arguments, named, results, 0))
+    write(Path(arguments.report), named)
+    say(arguments, f"report: {arguments.report}")
 
 
 def campaign(arguments: argparse.Namespace) -> None:

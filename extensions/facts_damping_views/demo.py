@@ -10,11 +10,13 @@ from facts_damping import interruption
 from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.analysis.summary_table import table
 from facts_damping.case import loading
-from facts_damping.cli.reporting import detailed, run_result, write_page
+from facts_damping.cli.reporting import run_result
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.nodes.launching import graph
 from facts_damping.output.terminal import Progress, note, show
 from facts_damping.recording import seal
+from facts_damping_views.analysis.details import improvements
+from facts_damping_views.report import ReportedRun, write_runs
 
 RUN = "two_area_deployment"
 EVENT = "a fault on a line of the tie at 2 s, cleared by the trip of that line"
@@ -39,7 +41,12 @@ def run_all(folder: Path) -> None:
     for path in plot_comparison(named, folder):
         show(f"plot: {path}")
     show(f"recordings: {folder}/*/recording")
-    write_page(folder / "report.html", named, detailed(results, [record for _, record in named], 0))
+    percents = improvements([result.summary for result in results], 0)
+    runs = [
+        ReportedRun(*pair, result.summary, result.recording or "-", percent)
+        for pair, result, percent in zip(named, results, percents, strict=True)
+    ]
+    write_runs(folder / "report.html", runs)
     show(f"report, for a browser: {_newest(folder)}/report.html")
     show("watch a run and change it in a browser: .venv/bin/facts-damping cockpit two_area_deployment --supervised")
 

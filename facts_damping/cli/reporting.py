@@ -1,9 +1,8 @@
-"""What commands say about runs: figures as JSON, tables, pictures, one page; and whether a run ended well."""
+"""What commands say about runs: figures as JSON, tables, pictures; and whether a run ended well."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.digest import digest
@@ -15,8 +14,8 @@ from facts_damping.output.writing import write_json
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
 
-    from facts_damping.analysis.details import Details
     from facts_damping.analysis.summary import Summary
     from facts_damping.nodes.launching.graph import Outcome
     from facts_damping.record import Record
@@ -34,7 +33,6 @@ class RunResult:
     versions: Mapping[str, str]
     wall_s: float | None = None
     recording: str | None = None
-    details: Details | None = None
     more: Mapping[str, Any] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
@@ -42,8 +40,7 @@ class RunResult:
         from facts_damping.analysis.summary import as_json
 
         columns = {"digest": self.digest, "versions": self.versions, "wall_s": self.wall_s, "recording": self.recording}
-        details = self.details._asdict() if self.details is not None else {}
-        return {**as_json(self.summary), **columns, **self.more, **details}
+        return {**as_json(self.summary), **columns, **self.more}
 
 
 def say(arguments: argparse.Namespace, *texts: str) -> None:
@@ -61,25 +58,6 @@ def run_result(
 
     summary = summarise(record, method=method, twin=twin_of(record))
     return RunResult(summary, digest(record), record.versions, wall_s, recording)
-
-
-def detailed(results: Sequence[RunResult], records: Sequence[Record], baseline: int) -> list[RunResult]:
-    """Results of several runs with their details, and their improvement over that of index `baseline`."""
-    from facts_damping.analysis.details import details, improvements
-
-    percents = improvements([result.summary for result in results], baseline)
-    return [
-        replace(result, details=details(record)._replace(improvement_percent=percent))
-        for result, record, percent in zip(results, records, percents, strict=True)
-    ]
-
-
-def details_lines(named: Named, results: Sequence[RunResult], baseline: int) -> list[str]:
-    """Text of the details of several runs."""
-    from facts_damping.analysis import details
-
-    summaries, rows = [result.summary for result in results], [result.details for result in results if result.details]
-    return list(details.lines([name for name, _ in named], summaries, rows, baseline))
 
 
 def report(
@@ -113,27 +91,6 @@ def report(
         several = len(named) > 1
         pairs = zip(names, results, strict=True)
         say(arguments, *(f"digest: {result.digest}" + f", {name}" * several for name, result in pairs))
-
-
-def page(arguments: argparse.Namespace, named: Named, results: Sequence[RunResult], baseline: int) -> list[str]:
-    """Write the report if asked for; a line with its path."""
-    if arguments.report is None:
-        return []
-    write_page(Path(arguments.report), named, results, baseline)
-    return [f"report: {arguments.report}"]
-
-
-def write_page(path: Path, named: Named, results: Sequence[RunResult], baseline: int = 0) -> None:
-    """Write a report of detailed results."""
-    from facts_damping import report as pages
-
-    runs = [
-        pages.ReportedRun(
-            name, record, result.summary, result.recording or "-", result.details and result.details.improvement_percent
-        )
-        for (name, record), result in zip(named, results, strict=True)
-    ]
-    pages.write_runs(path, runs, baseline)
 
 
 def step_times_report(took: Mapping[str, StepTimes], frame_rate: int) -> tuple[dict[str, Any], list[str]]:

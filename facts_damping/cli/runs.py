@@ -12,37 +12,27 @@ from facts_damping.case import loading
 from facts_damping.case.names import label
 from facts_damping.cli.reporting import (
     check_ended_well,
-    detailed,
-    details_lines,
-    page,
     report,
     run_result,
     say,
     step_times_report,
     tell_graph,
 )
-from facts_damping.errors import InputError, check_known
 from facts_damping.output.tables import table
-from facts_damping.output.terminal import Progress, note
+from facts_damping.output.terminal import Progress
 from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import adapted_weights, loop
 from facts_damping.simulation.programs.policies import step_times
-from facts_damping.simulation.replaying.replay import check_has_run
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
-
-    from facts_damping.cli.reporting import Named, RunResult
-    from facts_damping.record import Record
 
 
 HOST = "127.0.0.1"  # of a cockpit
 RECORDINGS = (".mcap", ".db3")  # suffixes of a recording's files
 WITH_RUN = "a recording that holds its run"
-FREE = "no_control"  # stands for a recording: the same run without control
 
 
 def out_folder(arguments: argparse.Namespace, name: str) -> Path:
@@ -107,76 +97,6 @@ def run(arguments: argparse.Namespace) -> None:
         parts = Parts(arguments.foxglove, cockpit)
         outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, parts=parts)
     tell_graph(arguments, name, outcome, folder)
-
-
-def analyze(arguments: argparse.Namespace) -> None:
-    """Print figures and make plots of recordings."""
-    from facts_damping.findings import names, without_control
-    from facts_damping.record import Record
-    from facts_damping.recording.reader import load
-
-    files.check_writable(arguments.report, "--report", standard=False)
-    if arguments.spwvd is None and (arguments.windows or arguments.band):
-        raise InputError("--windows, --band: given without --spwvd; allowed: with --spwvd SIGNAL,...")
-    paths = list(arguments.recordings)
-    first = paths[0] if arguments.baseline is None else arguments.baseline
-    check_known("--baseline", first, [*paths, FREE])
-    records = list[Record]()
-    with Progress("read", "recordings") as progress:
-        for i, path in enumerate(paths):
-            progress(i, len(paths))
-            records.append(_explained(load(path), path, arguments.run))
-    if first == FREE:
-        paths.append(FREE)
-        records.append(without_control(records[0]))
-    named, baseline = list(zip(names(records), records, strict=True)), paths.index(first)
-    results = detailed(
-        [
-            run_result(record, recording=str(path), method=arguments.modes_method)
-            for record, path in zip(records, paths, strict=True)
-        ],
-        records,
-        baseline,
-    )
-    folder = Path(arguments.out) if arguments.out is not None else Path(paths[0]).parent / "analysis"
-    more = [
-        *details_lines(named, results, baseline),
-        *_distributions(arguments, named, results, folder),
-        *page(arguments, named, results, baseline),
-    ]
-    report(arguments, named, results, files.new_folder(folder), *more)
-
-
-def _distributions(
-    arguments: argparse.Namespace, named: Named, results: Sequence[RunResult], folder: Path
-) -> list[str]:
-    """Draw time-frequency pictures if asked for; one line each."""
-    if arguments.spwvd is None:
-        return []
-    from facts_damping.analysis.plotting.time_frequency_plots import Settings, distribution_figures, save
-
-    asked = Settings()
-    if arguments.windows:
-        asked = asked._replace(lag=arguments.windows[0], time=arguments.windows[1])
-    if arguments.band:
-        asked = asked._replace(band=arguments.band)
-    records = [
-        (name, record, [mode.frequency_hz for mode in result.summary.modes])
-        for (name, record), result in zip(named, results, strict=True)
-    ]
-    figures, notes = distribution_figures(records, arguments.spwvd.split(","), asked)
-    paths = save(figures, files.new_folder(folder))
-    for line in notes:
-        note(line)
-    return [f"plot: {path}" for path in paths]
-
-
-def _explained(record: Record, path: str, run_name: str | None) -> Record:
-    """The record; if it holds no run (`ros2 bag record` stores none), with the run of a name or file."""
-    if record.configuration or run_name is None:
-        check_has_run(record, path)
-        return record
-    return replace(record, configuration=loading.load_case(run_name).document())
 
 
 def list_(arguments: argparse.Namespace) -> None:

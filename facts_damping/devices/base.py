@@ -16,6 +16,11 @@ def switch(description: str) -> Any:
     return Field(False, description=description)
 
 
+def text(description: str) -> Any:
+    """A field of one of several words, which must be given."""
+    return Field(..., description=description)
+
+
 class DeviceModel(ParameterModel):
     """A device that a run can install. The sections that follow have its kinds."""
 
@@ -134,3 +139,20 @@ class AtMachine(DeviceModel):
     def place(self) -> str:
         """Where it stands, for people."""
         return self.machine
+
+
+class AtInverter(DeviceModel):
+    """What all kinds have that act on an inverter's controls. One not installed does nothing."""
+
+    inverter: Name = Field(..., description="inverter on whose controls it acts")
+    input: str
+
+    @property
+    def buses(self) -> list[str]:
+        """The buses of its ports: it has none."""
+        return []
+
+    @property
+    def place(self) -> str:
+        """Where it stands, for people."""
+        return self.inverter

@@ -5,15 +5,11 @@ It has no port: `plant.dynamics` adds the reference of a device at a machine to 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
-from facts_damping.compiling import compiled
 from facts_damping.devices.base import KIND, AtMachine
-from facts_damping.devices.kind import DeviceKind, Shown, Site, Start, at_rest, table
+from facts_damping.devices.kind import DeviceKind, Shown, Site, Start, at_rest, no_source, table
 from facts_damping.fields import quantity
-
-if TYPE_CHECKING:
-    from facts_damping.compiling.structs import Float1
 
 
 class ExciterInput(AtMachine):
@@ -34,13 +30,7 @@ def start(_device: ExciterInput, site: Site) -> Start:
     return Start((site.offset,), [], 0.0)
 
 
-@compiled
-def characteristic(_d: Any, _x: Float1, _u: float, _size: float) -> tuple[complex, complex]:
-    """No source in the network."""
-    return 0j, 0j
-
-
 SHOWN = Shown(
     "exciter input", "offset of a machine's voltage reference", "raises its field voltage", "regulator input", "", "*"
 )
-ROW = DeviceKind(table(), [], start, characteristic, at_rest, model=ExciterInput, shown=SHOWN, new={})
+ROW = DeviceKind(table(), [], start, no_source, at_rest, model=ExciterInput, shown=SHOWN, new={})

@@ -24,7 +24,9 @@ class Site(NamedTuple):
     size: float  # p.u., response of its port: current in series, bus voltage in parallel
     other: float = math.nan  # p.u., voltage of its second bus
     base_power: float = math.nan  # MVA
-    machine: int = -1  # index of the machine of a device without a port
+    machine: int = -1  # index of the machine or inverter of a device without a port
+    inverter: int = -1
+    input: int = -1  # signal of the inverter that its setpoint is added to
 
 
 class Start(NamedTuple):
@@ -55,6 +57,12 @@ def _no_more(_d: Any, _x: Float1, _u: float, _size: float, _blocked: bool, _out:
 @compiled
 def at_rest(_d: Any, _x: Float1, _u: float, _size: float, _dx: Float1) -> None:
     """No states."""
+
+
+@compiled
+def no_source(_d: Any, _x: Float1, _u: float, _size: float) -> tuple[complex, complex]:
+    """No source in the network."""
+    return 0j, 0j
 
 
 class OtherEnd(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from facts_damping.devices import bess, exciter_input, hvdc, load_modulation, sssc, statcom, svc, tcsc
+from facts_damping.devices import bess, exciter_input, hvdc, inverter_input, load_modulation, sssc, statcom, svc, tcsc
 from facts_damping.devices.base import DeviceModel
 from facts_damping.devices.kind import DeviceKind
 from facts_damping.errors import InputError
@@ -17,6 +17,7 @@ KINDS: dict[str, DeviceKind] = {
     "bess": bess.ROW,
     "tcsc": tcsc.ROW,
     "exciter_input": exciter_input.ROW,
+    "inverter_input": inverter_input.ROW,
 }
 KINDS |= rows("device_kinds", DeviceKind, KINDS)
 MODELS = {name: kind.model for name, kind in KINDS.items() if kind.model} | rows("devices", DeviceModel)

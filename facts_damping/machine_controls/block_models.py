@@ -22,15 +22,17 @@ for package, models in rows("machine_controls", dict).items():
 INPUTS = {0: "none", 1: "omega", 2: "omega", 3: "Pe", 4: "Pa", 5: "Vt"}
 _COUNTS = {
     *("SWITCH", "CSWITCH", "SW1", "JBUS", "JM", "IC", "IC2", "IB", "IB2", "M", "N"),
-    *("UEL", "OEL", "SCL", "VOS", "IBLOCK"),
+    *("UEL", "OEL", "SCL", "VOS", "IBLOCK", "CKT"),
 }
-_NO_TIMES = {"TATB", "THETAP", "T1T3", "T2T4", "TMAX", "TMIN"}
+_NO_TIMES = {"TATB", "THETAP", "T1T3", "T2T4", "TMAX", "TMIN", "Thld"}
 
 
 def quantity_of(name: str) -> Quantity:
     """Unit, meaning and range of a field, by its name: those of the library's data sheets."""
     if name in _COUNTS or name.startswith("BUS"):
         return Quantity("-", "as in the library", 0.0, 1e6)
+    if name.lower().endswith(("flag", "lvplsw")):
+        return Quantity("-", "flag", 0.0, 1.0)
     if name[0] == "T" and name not in _NO_TIMES:
         return Quantity("s", "time constant", 0.0, 1000.0, time=True)
     if name[0] == "A" and name[1:].isdigit():

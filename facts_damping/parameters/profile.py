@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, StringConstraints
 
 from facts_damping.fields import Name, ParameterModel
-from facts_damping.parameters.study import FieldPath
+from facts_damping.parameters.files import FIELD_PATH
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+FieldPath = Annotated[str, StringConstraints(max_length=200, pattern=rf"^{FIELD_PATH}$")]
 DEFAULT_PROFILE = "thesis"  # whose fields are the defaults of a run
 
 

@@ -13,6 +13,8 @@ from facts_damping.elementary import magnitude, power, sin_cos
 from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.grid import load
+from facts_damping.plant.inverter_sources import begin, prepare
+from facts_damping.plant.inverters import inverter
 from facts_damping.plant.machines import blocks, excitation, governor, stabiliser
 from facts_damping.plant.machines.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VC, VD, VQ, VREF, VS, VT
 from facts_damping.plant.model import Plant, Work
@@ -21,16 +23,20 @@ from facts_damping.plant.ports import solve_ports
 
 
 @compiled
-def _add_at_regulators(plant: Plant, x: Float1, reference: Float1, work: Work) -> None:
-    """Write the setpoints of devices without a port, at the regulators of machines, into `work.added`, p.u."""
+def _add_at_controls(plant: Plant, x: Float1, reference: Float1, work: Work) -> None:
+    """Write the setpoints of devices without a port, p.u.: at regulators into `work.added`, else to an inverter's."""
+    begin(plant, work)
     for i in range(plant.placed.size):
-        if plant.placed[i].port < 0:
+        if plant.placed[i].machine >= 0:
             work.added[plant.placed[i].machine] = 0.0
     for i in range(plant.placed.size):
         d = plant.placed[i]
         if d.port < 0:
             u = effective_reference(d, x, dispatch.reference_of(reference, i))
-            work.added[d.machine] += u
+            if d.inverter >= 0:
+                work.inverter_signals[d.inverter, d.input] += u
+            else:
+                work.added[d.machine] += u
 
 
 @entry_point
@@ -40,7 +46,8 @@ def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     Machines: y E with E = (Ed + j Eq) exp(j (delta - pi/2)).
     """
     machines = plant.machines.size
-    _add_at_regulators(plant, x, reference, work)
+    _add_at_controls(plant, x, reference, work)
+    prepare(plant, x, work)
     for g in range(machines):
         m = plant.machines[g]
         o = m.offset
@@ -148,7 +155,25 @@ def derivatives(
             _circuits(m, x, 4, at, efd, dx)
         else:
             _circuits(m, x, m.circuits, at, efd, dx)
+    for i in range(plant.inverters.size):
+        _move_inverter(plant, x, source, interval, i, dx, work)
     _port_derivatives(plant, x, reference, dx, work)
+
+
+@entry_point
+def _move_inverter(plant: Plant, x: Float1, source: Complex1, interval: int, i: int, dx: Float1, work: Work) -> None:
+    """Write what inverter i measures into its signals, and the derivatives of its states, 1/s."""
+    v, s = plant.inverters[i], work.inverter_signals[i]
+    voltage = work.response[v.port]
+    flowing = inverter.current(v, source[v.port], voltage) * plant.online[interval, plant.machines.size + i]
+    inverter.sense(v, work.inverter_turn[i], voltage, flowing, s)
+    if v.bus >= 0:
+        bus = row_times(plant, interval, v.bus, work.inputs, work)
+        if v.branch >= 0:
+            flowing = row_times(plant, interval, v.branch, work.inputs, work) / v.ratio
+        inverter.sense_plant(v, bus, flowing, s)
+    blocks.outputs(plant.blocks, v.known, v.end, inverter.AT + v.known - v.first, x, s)
+    blocks.derivatives(plant.blocks, v.first, v.end, x, s, dx)
 
 
 @entry_point

@@ -124,8 +124,8 @@ def _apply(system: System, interval: TopologyInterval, change: Change) -> Topolo
     if isinstance(event, events.ForcedOscillation):
         _check_oscillation(system, before, event, where)
         return interval
-    running = [m.name for m in system.machines if m.name not in before.machines_out]
-    check_known(f"{where}.machine", event.machine, running)
+    units = system.machines if isinstance(event, events.MechanicalPowerStep) else system.units
+    check_known(f"{where}.machine", event.machine, [u.name for u in units if u.name not in before.machines_out])
     if isinstance(event, events.MechanicalPowerStep):
         return replace(interval, mechanical_scale={**interval.mechanical_scale, event.machine: 1.0 + event.change})
     return replace(interval, topology=replace(before, machines_out=before.machines_out | {event.machine}))

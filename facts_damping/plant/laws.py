@@ -8,8 +8,9 @@ from facts_damping.compiling import compiled
 from facts_damping.elementary import magnitude
 from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
-from facts_damping.plant.converters.site import DEVICE, OTHER_END, SALIENT
+from facts_damping.plant.converters.site import DEVICE, INVERTER, OTHER_END, SALIENT
 from facts_damping.plant.grid import load
+from facts_damping.plant.inverter_sources import law as inverter_law
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
@@ -75,6 +76,8 @@ def law(plant: Plant, x: Float1, reference: Float1, interval: int, p: int, work:
     if work.blocked[p]:
         work.slope[p, 0, 0] = work.slope[p, 0, 1] = work.slope[p, 1, 0] = work.slope[p, 1, 1] = 0.0
         return 0j
+    if port.kind == INVERTER:
+        return inverter_law(plant, interval, port.row, q, p, work)
     size = magnitude(q)
     direction = 1.0 + 0j
     if size > SMALL:

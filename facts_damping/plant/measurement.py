@@ -12,6 +12,7 @@ from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.dynamics import derivatives, move_controls, solve_network, stator
 from facts_damping.plant.forced_oscillations import begin_oscillations, move_oscillations
+from facts_damping.plant.inverters import inverter
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
 from facts_damping.plant.network_response import row_times
@@ -41,6 +42,10 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
     response, current, blocked = 0j, 0j, False
     if row.port >= 0:
         response, current, blocked = work.response[row.port], state.source[row.port], work.blocked[row.port]
+    elif row.inverter >= 0:
+        v = plant.inverters[row.inverter]
+        response, blocked = work.response[v.port], work.blocked[v.port]
+        current = inverter.current(v, state.source[v.port], response) * v.ratio
     flow = response * current.conjugate()
     out.setpoint = state.target[d]
     out.reference = state.reference[d]
@@ -61,10 +66,14 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
 
 
 @compiled
-def _in_synchronism(plant: Plant, x: Float1, interval: int) -> bool:
-    """Whether rotors in service and infinite buses of each island are within 180 degrees, and speeds in their band."""
+def _in_synchronism(plant: Plant, x: Float1, interval: int, work: Work) -> bool:
+    """Whether the angles of rotors, grid-forming inverters and infinite buses of each island are within 180 degrees.
+
+    And whether speeds of rotors are in their band; what is out of service does not count.
+    """
     machines, many = plant.machines.size, 0
-    for i in range(machines + plant.infinite.size):
+    inverters = machines + plant.infinite.size
+    for i in range(inverters + plant.inverters.size):
         many = max(many, plant.island[interval, i] + 1)
     for number in range(many):
         low, high = math.inf, -math.inf
@@ -77,6 +86,12 @@ def _in_synchronism(plant: Plant, x: Float1, interval: int) -> bool:
         for i in range(plant.infinite.size):
             if plant.island[interval, machines + i] == number:
                 angle = phase(plant.infinite[i])
+                low, high = min(low, angle), max(high, angle)
+        for i in range(plant.inverters.size):
+            v = plant.inverters[i]
+            there = plant.online[interval, machines + i] > 0.0 and plant.island[interval, inverters + i] == number
+            if v.forming > 0 and there:
+                angle = work.inverter_signals[i, v.angle]
                 low, high = min(low, angle), max(high, angle)
         if high - low > math.pi:
             return False
@@ -137,7 +152,7 @@ def measure(
     begin_noise(plant, work, time_ns, time_ns)
     begin_oscillations(plant, work, time_ns, time_ns)
     solve_network(plant, x, state.reference, state.source, interval, work)
-    sound = _in_synchronism(plant, x, interval)
+    sound = _in_synchronism(plant, x, interval, work)
     for i in range(x.size):
         sound = sound and math.isfinite(x[i])
     for p in range(plant.ports.size):

@@ -27,6 +27,7 @@ from facts_damping.plant.converters.site import PORT
 from facts_damping.plant.events import OSCILLATION
 from facts_damping.plant.grid.load import LOAD
 from facts_damping.plant.grid.sparse_network import SparseNetwork
+from facts_damping.plant.inverters.inverter import AT, INVERTER
 from facts_damping.plant.machines.blocks import BLOCK, CONTROLS, SENSED
 from facts_damping.plant.machines.excitation import EXCITER
 from facts_damping.plant.machines.governor import GOVERNOR
@@ -40,9 +41,10 @@ class Plant(Struct):
 
     `network[s]`, complex, is the network of interval s, valid from `interval_start_ns[s]`. It maps its inputs (Norton
     currents of machines, voltages of infinite buses, sources at the ports) to its outputs (machine voltages, responses
-    of the ports, PMU voltages, PMU currents), p.u. A parallel port injects a current and its response is the
-    bus voltage; a series port injects a voltage drop and its response is the current. Shape
-    (machines + ports + 2 PMUs, machines + infinite buses + ports). Of a large grid `sparse_networks` has it instead.
+    of the ports, voltages and currents of the PMUs, those that inverters' plant controls see), p.u. A parallel port
+    injects a current and its response is the bus voltage; a series port injects a voltage drop and its response is the
+    current. Shape (machines + ports + 2 PMUs + 2 meters, machines + infinite buses + ports). Of a large grid
+    `sparse_networks` has it instead.
     """
 
     omega_0: float  # rad/s
@@ -53,6 +55,7 @@ class Plant(Struct):
     governors: Annotated[NDArray[Any], Array(GOVERNOR, 1)]  # GOVERNOR
     blocks: Annotated[NDArray[Any], Array(BLOCK, 1)]  # blocks.BLOCK, of all block controls
     controls: Annotated[NDArray[Any], Array(CONTROLS, 1)]  # blocks.CONTROLS, (machines,): the blocks of each machine
+    inverters: Annotated[NDArray[Any], Array(INVERTER, 1)]  # INVERTER
     loads: Annotated[NDArray[Any], Array(LOAD, 1)]  # LOAD, without constant impedances
     ports: Annotated[NDArray[Any], Array(PORT, 1)]  # PORT
     placed: Annotated[
@@ -62,8 +65,8 @@ class Plant(Struct):
     infinite: Complex1  # (infinite buses,), p.u.
     interval_start_ns: Int1  # (intervals,), ascending, the first at the earliest time
     mechanical_power: Float2  # (intervals, machines), p.u. of the rating
-    online: Float2  # (intervals, machines), 1 or 0
-    island: Int2  # (intervals, machines + infinite buses), number of the island
+    online: Float2  # (intervals, machines + inverters), 1 or 0
+    island: Int2  # (intervals, machines + infinite buses + inverters), number of the island
     load_scale: Float2  # (intervals, loads)
     load_noise: Float3  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: no noise
     oscillations: Annotated[NDArray[Any], Array(OSCILLATION, 1)]  # events.OSCILLATION
@@ -119,6 +122,9 @@ class Work(Struct):
     forced: Float1  # (machines,), forced oscillation relative to the mechanical power, current value
     signals: Float1  # of the blocks of one control
     added: Float1  # (machines,), p.u., setpoints at the summing points of voltage regulators
+    inverter_signals: Float2  # (inverters, room), of each inverter
+    inverter_source: Complex1  # (inverters,), current or EMF in the direction of its angle, p.u. of the rating
+    inverter_turn: Complex1  # (inverters,), direction of its angle
 
 
 def workspace(plant: Plant, state: PlantState) -> Work:
@@ -153,6 +159,9 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(machines),
         np.zeros(len(SENSED) + len(plant.blocks)),
         np.zeros(machines),
+        np.zeros((len(plant.inverters), AT + int((plant.inverters["end"] - plant.inverters["first"]).max(initial=0)))),
+        np.zeros(len(plant.inverters), np.complex128),
+        np.zeros(len(plant.inverters), np.complex128),
     )
 
 

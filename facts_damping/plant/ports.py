@@ -14,8 +14,9 @@ from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1, Float2
 from facts_damping.elementary import magnitude
 from facts_damping.numerics.matrices import eliminate
-from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
+from facts_damping.plant.converters.site import DEVICE, INVERTER, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.grid.sparse_network import solve_voltages
+from facts_damping.plant.inverters.inverter import CURRENT
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.network_response import own_response, respond, row_times, set_sources
@@ -220,6 +221,15 @@ def _block(plant: Plant, work: Work) -> bool:
 
 
 @compiled
+def _can_block(plant: Plant, p: int) -> bool:
+    """Whether a port is that of a device, or of an inverter that is a current source."""
+    port = plant.ports[p]
+    if port.kind == INVERTER:
+        return plant.inverters[port.row].source == CURRENT  # type: ignore[no-any-return]
+    return port.kind in (DEVICE, OTHER_END)
+
+
+@compiled
 def _release(plant: Plant, source: Complex1, work: Work) -> bool:
     """Release the load furthest above V_min that still has its characteristic below V_min; returns whether one was.
 
@@ -251,7 +261,7 @@ def solve_ports(plant: Plant, x: Float1, reference: Float1, source: Complex1, in
         work.blocked[p] = work.low[p] = False
     if (
         source.size == 1
-        and plant.ports[0].kind != SALIENT
+        and plant.ports[0].kind not in (SALIENT, INVERTER)
         and _newton_single_port(plant, x, reference, source, interval, work)
     ):
         return
@@ -266,7 +276,7 @@ def solve_ports(plant: Plant, x: Float1, reference: Float1, source: Complex1, in
             start += 1
         for p in range(source.size):
             source[p] = 0.0
-            work.blocked[p] = work.blocked[p] or (start == BLOCKED and plant.ports[p].kind in (DEVICE, OTHER_END))
+            work.blocked[p] = work.blocked[p] or (start == BLOCKED and _can_block(plant, p))
             work.low[p] = start in (LOADS_LOW, BLOCKED_LOADS_LOW) and plant.ports[p].kind == LOAD
     for p in range(source.size):
         source[p] = complex(math.nan, math.nan)

@@ -17,7 +17,7 @@ from facts_damping.compiling.structs import Table
 from facts_damping.errors import InputError
 from facts_damping.numerics.matrices import STEPS, product, shift_near
 from facts_damping.numerics.phasors import magnitudes, over
-from facts_damping.plant.converters.site import LOAD, SALIENT
+from facts_damping.plant.converters.site import INVERTER, LOAD, SALIENT
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.grid.sparse import ComplexEntries, factors, solve_network, substitute
 from facts_damping.plant.grid.sparse_network import SparseNetwork
@@ -146,12 +146,12 @@ def linearised(plant: Plant, state: PlantState, weights: Float2) -> Linear:
     """The linear plant at its start with weighted channels of the frames as outputs; `weights`: (outputs, frame)."""
     from scipy.sparse import block_array, csc_array  # noqa: PLC0415 (of large systems alone)
 
-    n, machines, infinite, ports = len(state.x), len(plant.machines), len(plant.infinite), len(plant.ports)
+    n, machines, infinite = len(state.x), len(plant.machines), len(plant.infinite)
     work = workspace(plant, state)
     derivatives(plant, state.x, state.reference, copy(state).source, 0, np.zeros(n), work)
     net = plant.sparse_networks[0]
     many, buses = len(work.inputs), len(work.voltage)
-    count = machines + ports + 2 * len(plant.pmu_machine)
+    count = len(net.outputs.begin) - 1
 
     def whole(complex_entries: ComplexEntries, rows: int) -> Any:
         return csc_array(
@@ -218,7 +218,8 @@ def _local(plant: Plant, state: PlantState, network_outputs: Complex1) -> tuple[
 
     of_states, of_inputs, of_outputs, of_references = _groups(plant, n)
     columns = np.concatenate([of_states, of_outputs, of_outputs, of_references])
-    of_frames = np.repeat(of_outputs[count - pmus :], len(CHANNELS))
+    of_pmus = of_outputs[len(machines) + len(plant.ports) :][:pmus]
+    of_frames = np.repeat(of_pmus, len(CHANNELS))
     rows = np.concatenate([of_states, of_inputs, of_inputs, of_frames])
     at = np.concatenate([state.x, network_outputs.real, network_outputs.imag, state.reference])
     jacobian = _differences(answer, at, rows, columns)
@@ -255,21 +256,27 @@ def _differences(f: Callable[[Float1], Float1], at: Float1, rows: Int1, columns:
 def _groups(plant: Plant, states: int) -> tuple[Int1, Int1, Int1, Int1]:
     """Group of each state, network input, output and reference: a machine, load, device or PMU."""
     machines, loads, devices = len(plant.machines), len(plant.loads), len(plant.placed)
-    of_devices = np.where(plant.placed["port"] < 0, plant.placed["machine"], machines + loads + np.arange(devices))
+    of_devices, inverters = machines + loads + np.arange(devices), machines + loads + devices
+    at_controls = plant.placed["machine"], inverters + plant.placed["inverter"]
+    of_devices = np.where(plant.placed["port"] < 0, np.where(plant.placed["inverter"] < 0, *at_controls), of_devices)
     stateful = (plant.placed["states"] > 0) | (plant.placed["response_time"] > 0.0)
-    begin = np.concatenate([plant.machines["offset"], plant.loads["offset"], plant.placed["offset"][stateful]])
-    group = np.concatenate([np.arange(machines + loads), of_devices[stateful]])
+    many, rows = len(plant.inverters), plant.blocks["state"]
+    least = [min((s for s in rows[v["first"] : v["end"]] if s >= 0), default=-1) for v in plant.inverters]
+    begin = np.concatenate([plant.machines["offset"], plant.loads["offset"], plant.placed["offset"][stateful], least])
+    group = np.concatenate([np.arange(machines + loads), of_devices[stateful], inverters + np.arange(many)])
     group, begin = group[begin >= 0], begin[begin >= 0]
     order = np.argsort(begin)
     of_states = group[order][np.searchsorted(begin[order], np.arange(states), side="right") - 1]
     kind, row = plant.ports["kind"], plant.ports["row"]
+    before = {SALIENT: 0, LOAD: machines, INVERTER: inverters}
     of_ports = np.array(
-        [r if k == SALIENT else machines + r if k == LOAD else of_devices[r] for k, r in zip(kind, row, strict=True)],
-        np.int64,
+        [before[k] + r if k in before else of_devices[r] for k, r in zip(kind, row, strict=True)], np.int64
     )
     inputs = np.concatenate([np.arange(machines), of_ports])
-    pmus = machines + loads + devices + np.arange(len(plant.pmu_machine))
-    return of_states, inputs, np.concatenate([inputs, pmus, pmus]), of_devices[: len(plant.devices)]
+    pmus = inverters + many + np.arange(len(plant.pmu_machine))
+    metered = inverters + np.flatnonzero(plant.inverters["bus"] >= 0)
+    outputs = np.concatenate([inputs, pmus, pmus, metered, metered])
+    return of_states, inputs, outputs, of_devices[: len(plant.devices)]
 
 
 def _with_outputs_given(plant: Plant, count: int) -> Plant:
@@ -289,6 +296,6 @@ def _with_outputs_given(plant: Plant, count: int) -> Plant:
     return plant._replace(
         machines=machines,
         infinite=np.zeros(count, np.complex128),
-        island=np.zeros((len(plant.interval_start_ns), first + count), np.int64),
+        island=np.zeros((len(plant.interval_start_ns), first + count + len(plant.inverters)), np.int64),
         sparse_networks=Table([net] * len(plant.interval_start_ns)),
     )

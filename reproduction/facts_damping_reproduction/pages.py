@@ -135,7 +135,7 @@ def _html(text: str, folder: Path) -> str:
     inside = re.sub(r'src="([^":]+\.png)"', lambda match: f'src="{_data(folder / match[1])}"', body)
     wide = inside.replace("<table>", '<div class="scroll" tabindex="0"><table>').replace("</table>", "</table></div>")
     templates = Environment(loader=PackageLoader("facts_damping_reproduction", "."), autoescape=False)  # noqa: S701
-    style = files("facts_damping.report") / "page.css"
+    style = files("facts_damping_views.report") / "page.css"
     return templates.get_template("page.html").render(
         body=wide, style=style.read_text(encoding="utf-8"), version=__version__
     )

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from facts_damping.analysis.measures import recorded
 from facts_damping.analysis.plotting.pictures import PICTURES
 from facts_damping.analysis.plotting.plots import COLOURS, mark_events
-from facts_damping.analysis.time_frequency import BAND, analyse
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping_reproduction.agreement import name
@@ -18,6 +17,7 @@ from facts_damping_reproduction.printed import LLC, SCENARIOS, TABLES, Controlle
 from facts_damping_reproduction.runs import BASELINES, changes
 from facts_damping_studies.pages import save
 from facts_damping_studies.sweeps.batch import Base, make
+from facts_damping_views.analysis.time_frequency import BAND, analyse
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

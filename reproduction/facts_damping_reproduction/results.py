@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from facts_damping.parameters.study import Study
     from facts_damping_reproduction.agreement import ComparedRun
     from facts_damping_reproduction.explanations import Told
     from facts_damping_reproduction.operations import Count
     from facts_damping_reproduction.printed import Cell
+    from facts_damping_studies.parameters import Study
 
     Row = dict[str, Any]
 

@@ -9,10 +9,10 @@ from facts_damping.control.table import kind
 from facts_damping.output.terminal import Progress
 from facts_damping.parameters import files
 from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.study import Study
 from facts_damping.parameters.yaml_text import dump
 from facts_damping_reproduction.agreement import ComparedRun, name
 from facts_damping_reproduction.printed import LLC, ROUGHNESS, SCENARIOS, ControllerId
+from facts_damping_studies.parameters import Study
 from facts_damping_studies.search.structures import PORTS
 from facts_damping_studies.sweeps import sweep
 from facts_damping_studies.sweeps.enumerated_axes import NONE

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis import summarise
-from facts_damping.analysis.details import details, lines
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.modes.ambient import covariances, fit_ambient
 from facts_damping.analysis.modes.ringdown import COVERED, interval
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
+from facts_damping_views.analysis.details import details, lines
 from tests.analysis.ambient_signals import MODES, RATE, SHAPES, ambient, same_noise
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis import summarise
-from facts_damping.analysis.details import details, improvements, lines
 from facts_damping.analysis.modes import ambient
 from facts_damping.analysis.modes.poles import METHODS
 from facts_damping.analysis.summary import AUTO
 from facts_damping.cli.parser import parser
 from facts_damping.output.writing import finite
+from facts_damping_views.analysis.details import details, improvements, lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,16 +14,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from facts_damping import report
-from facts_damping.analysis import details, summarise
+from facts_damping.analysis import summarise
 from facts_damping.cli.main import BAD_INPUT, main
 from facts_damping.digest import digest
 from facts_damping.errors import InputError
-from facts_damping.report.charts import detailed, envelope, steps
-from facts_damping.report.contents import Chart, Maps, ReportedRun, ReportTable
-from facts_damping.report.sections import build
-from facts_damping.report.tables import ranked
 from facts_damping.signals import DEVICE_TRUTH
+from facts_damping_views import report
+from facts_damping_views.analysis import details
+from facts_damping_views.report.charts import detailed, envelope, steps
+from facts_damping_views.report.contents import Chart, Maps, ReportedRun, ReportTable
+from facts_damping_views.report.sections import build
+from facts_damping_views.report.tables import ranked
 from tests.analysis.conftest import make_record
 from tests.chromium import CHROMIUM, START, needs_browser
 from tests.passed import inputs
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from facts_damping.record import Record
-    from facts_damping.report.contents import Report
+    from facts_damping_views.report.contents import Report
 
 pytestmark = inputs(
     contents=["facts_damping/**/*", "extensions/**/*", "config/**/*", "tests/analysis/conftest.py", "tests/chromium.py"]

@@ -13,7 +13,6 @@ import pytest
 from matplotlib.image import imread
 
 from facts_damping.analysis import summarise, table
-from facts_damping.analysis.details import details, lines
 from facts_damping.analysis.measures import event_times, speed_differences
 from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.analysis.summary import as_json
@@ -23,6 +22,7 @@ from facts_damping.findings import findings
 from facts_damping.monitor_table import STATES
 from facts_damping.output.tables import WIDEST
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH
+from facts_damping_views.analysis.details import details, lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,21 +7,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping import report
-from facts_damping.analysis import details, summarise
+from facts_damping.analysis import summarise
 from facts_damping.analysis.plotting.pictures import PICTURES
 from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES
-from facts_damping.report.contents import ReportedRun
-from facts_damping.report.sections import build
 from facts_damping.simulation import loop
+from facts_damping_views import report
+from facts_damping_views.analysis import details
+from facts_damping_views.report.contents import ReportedRun
+from facts_damping_views.report.sections import build
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.record import Record
-    from facts_damping.report.contents import Report
+    from facts_damping_views.report.contents import Report
 
 SUPERVISED = ["supervision=standard", "arm_at=0.5", "duration=8"]
 WRONG_SIGN = "controllers.0.faults=[{kind: wrong_sign, start: 2}]"

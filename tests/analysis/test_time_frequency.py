@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.analysis.time_frequency import Distribution, analyse, analytic, spwvd
 from facts_damping.errors import InputError
+from facts_damping_views.analysis.time_frequency import Distribution, analyse, analytic, spwvd
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -79,7 +79,7 @@ def test_definition_term_by_term(lag: int, time: int, bins: int) -> None:
 def test_hop_leaves_out_times_and_blocks_leave_no_seam(hop: int, monkeypatch: pytest.MonkeyPatch) -> None:
     z, h, g = noise(1, 100), hann(13), hann(7)
     whole = spwvd(z, RATE, h, g)
-    monkeypatch.setattr("facts_damping.analysis.time_frequency.BLOCK", 100)
+    monkeypatch.setattr("facts_damping_views.analysis.time_frequency.BLOCK", 100)
     np.testing.assert_allclose(spwvd(z, RATE, h, g).values, whole.values, atol=1e-13)
     some = spwvd(z, RATE, h, g, hop)
     np.testing.assert_allclose(some.values, whole.values[::hop], atol=1e-13)

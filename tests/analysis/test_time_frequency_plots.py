@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from facts_damping.analysis.measures import recorded
-from facts_damping.analysis.plotting.time_frequency_plots import Settings, distribution_figures, plot_distribution, save
-from facts_damping.analysis.time_frequency import analyse
 from facts_damping.errors import InputError
 from facts_damping.record import GridEvent
 from facts_damping.signals import NANOSECONDS
+from facts_damping_views.analysis.time_frequency import analyse
+from facts_damping_views.analysis.time_frequency_plots import Settings, distribution_figures, plot_distribution, save
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,7 +13,7 @@ from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import build
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.grid.power_flow import solve
-from facts_damping.plant.machines import block_controls, blocks
+from facts_damping.plant.machines import block_controls, block_rest, blocks
 from facts_damping.plant.machines.blocks import SENSED
 from facts_damping.plant.model import workspace
 from facts_damping_library import MODELS
@@ -197,10 +197,10 @@ def test_saturation_goes_through_both_points_in_any_order(points: tuple[float, .
 def test_self_excited_exciter_with_KE_of_0_starts_with_a_tenth_of_its_regulator(model: str) -> None:
     """KE = VRMAX / (10 Efd) - SE(Efd), as OpenIPSL's `calculate_dc_exciter_params` has it of PSS/E."""
     data = control_of(model, KE=0.0, E1=1.5, E2=2.5, VRMAX=6.0)
-    excited = block_controls.self_excited(block_controls.control(data), data, FIELD)
-    rest = block_controls.at_rest(excited, data, sensed(), FIELD, "Vref")
+    excited = block_rest.self_excited(block_controls.control(data), data, FIELD)
+    rest = block_rest.at_rest(excited, [data], sensed(), {"Efd": FIELD}, ["Vref"])
     assert rest.states[excited.states.index("VR")] == pytest.approx(0.6)
-    assert rest.reference == pytest.approx(VOLTAGE + 0.6 / data.KA)
+    assert rest.references[0] == pytest.approx(VOLTAGE + 0.6 / data.KA)
     (gain,) = [row["p"][0] for row in excited.rows if row["kind"] == blocks.FIELD]
     A, B = saturation(data)
     assert gain == pytest.approx((0.6 - B * (FIELD - A) ** 2) / FIELD)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from facts_damping.errors import InputError
 from facts_damping.machine_controls.block_models import MODELS, quantity_of
 from facts_damping.parameters.plant.machines import BLOCK_CONTROLS
-from facts_damping.plant.machines import block_controls, blocks
+from facts_damping.plant.machines import block_controls, block_rest, blocks
 from facts_damping.plant.machines.block_controls import GIVES
 from facts_damping.plant.machines.blocks import SENSED
 
@@ -79,11 +79,21 @@ def sensed(**changes: float) -> dict[str, float]:
     return {**start, **changes}
 
 
-def at_rest(data: Any, **changes: float) -> tuple[block_controls.Control, block_controls.Rest]:
-    wanted = {"exciter": FIELD, "governor": POWER}.get(MODELS[data.model].role)
-    reference = {"exciter": "Vref", "governor": "Pref"}.get(MODELS[data.model].role)
+class AtRest(NamedTuple):
+    states: NDArray[np.float64]
+    reference: float
+    gives: float
+    violations: list[block_rest.LimitViolation]
+
+
+def at_rest(data: Any, **changes: float) -> tuple[block_controls.Control, AtRest]:
+    role = MODELS[data.model].role
+    wanted = {"exciter": {"Efd": FIELD}, "governor": {"Pm": POWER}}.get(role, {})
+    references = {"exciter": ["Vref"], "governor": ["Pref"]}.get(role, [])
     control = block_controls.control(data)
-    return control, block_controls.at_rest(control, data, sensed(**changes), wanted, reference)
+    rest = block_rest.at_rest(control, [data], sensed(**changes), wanted, references)
+    gives = float(rest.signals[len(SENSED) + control.gives.index(GIVES[role])])
+    return control, AtRest(rest.states, rest.references[0] if references else 0.0, gives, rest.violations)
 
 
 def response(data: Any, signals: str, s: complex) -> complex:

@@ -14,13 +14,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import facts_damping as fd
-from facts_damping import report
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording import RecordingWriter, load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import loop
+from facts_damping_views import report
 from facts_damping_views.cockpit import server
 from tests.commands import assert_one_line
 from tests.mutations import changed

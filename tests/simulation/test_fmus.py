@@ -12,9 +12,9 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
-from facts_damping.parameters.study import Study
 from facts_damping.simulation import loop
 from facts_damping.simulation.replaying.replay import case_of
+from facts_damping_studies.parameters import Study
 from facts_damping_studies.sweeps.sweep import planned
 from tests.commands import assert_one_line, changes
 from tests.lead_lag_fmu import build

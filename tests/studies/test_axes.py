@@ -14,8 +14,8 @@ from scipy import stats
 
 from facts_damping.errors import InputError
 from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.study import Axis, Margin, Study
 from facts_damping_studies.margins import margins
+from facts_damping_studies.parameters import Axis, Margin, Study
 from facts_damping_studies.sweeps import axes
 
 

@@ -15,8 +15,8 @@ from facts_damping.extras import library
 from facts_damping.output.tables import table
 from facts_damping.output.terminal import Progress
 from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.study import Study
 from facts_damping.parameters.yaml_text import dump
+from facts_damping_studies.parameters import Study
 from facts_damping_studies.sweeps import sweep as studies
 from facts_damping_studies.sweeps import sweep_plots
 from facts_damping_studies.sweeps.control_outcomes import tripped

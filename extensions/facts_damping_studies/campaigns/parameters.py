@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from facts_damping.fields import Name, ParameterModel, quantity
-from facts_damping.parameters.study import FieldPath
+from facts_damping.parameters.profile import FieldPath
 
 EARLIEST_S = 0.1  # begin of a fault: some need what was before
 Choices = dict[str, dict[FieldPath, Any]]  # label: what it sets in the run

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.case.names import controller_names
 from facts_damping.output.picture_files import save_picture
-from facts_damping.parameters.study import DAMPING_RATIO
 from facts_damping.plant.grid import power_flow
 from facts_damping.small_signal.modal_tables import figures
 from facts_damping_studies.margins.criteria import CRITERIA
+from facts_damping_studies.parameters import DAMPING_RATIO
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

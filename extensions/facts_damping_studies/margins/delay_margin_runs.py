@@ -14,12 +14,12 @@ from facts_damping.analysis.modes.oscillation import WINDOW, envelope
 from facts_damping.analysis.modes.ringdown import fit_ringdown, ringdown_modes
 from facts_damping.analysis.response import PULSE_END, shortened, swings_of
 from facts_damping.analysis.verdict import LOST
-from facts_damping.parameters.study import Margin
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of, with_pulse
 from facts_damping_studies.margins import margins
 from facts_damping_studies.margins.criteria import CriterionFigures, fails, lowest_damping_ratio
 from facts_damping_studies.margins.linear_closed_loop import with_delay
+from facts_damping_studies.parameters import Margin
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,7 +16,7 @@ from scipy import stats
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.parameters.study import Margin
+    from facts_damping_studies.parameters import Margin
 
 DIGITS = 9  # decimals of a bisected value
 CONFIDENCE = 0.95

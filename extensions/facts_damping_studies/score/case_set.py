@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import Field
 
 from facts_damping.fields import Name, ParameterModel, quantity
-from facts_damping.parameters.study import FieldPath
+from facts_damping.parameters.profile import FieldPath
 
 
 class ScoredCase(ParameterModel):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.study import Axis, Range, Study, Target, Variable
+    from facts_damping_studies.parameters import Axis, Range, Study, Target, Variable
 
 MAX_POINTS = 1_000_000
 DIGITS = 12  # significant digits to which values are rounded: 3 * 0.1 is 0.3

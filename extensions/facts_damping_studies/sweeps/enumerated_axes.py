@@ -9,7 +9,7 @@ from facts_damping.case.controllers import tuned
 from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
 from facts_damping.parameters import files
-from facts_damping.parameters.study import Axis, Study
+from facts_damping_studies.parameters import Axis, Study
 from facts_damping_studies.sweeps.batch import CUSTOM, Base, make, names
 
 if TYPE_CHECKING:

@@ -16,11 +16,11 @@ from facts_damping.output.writing import write_whole
 from facts_damping.parameters import files
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import check_kind, find, read_sets, read_table
-from facts_damping.parameters.study import Study
 from facts_damping.simulation.programs.user_code import source_hash
 from facts_damping.version import __version__
 from facts_damping_studies.margins import margins
 from facts_damping_studies.margins.criteria import CriterionFigures, fails
+from facts_damping_studies.parameters import Study
 from facts_damping_studies.sweeps import axes, feasibility, true_jacobian
 from facts_damping_studies.sweeps.batch import Base, RunRequest, make, one_run
 from facts_damping_studies.sweeps.control_outcomes import tripped
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.output.terminal import Progress
-    from facts_damping.parameters.study import Margin
+    from facts_damping_studies.parameters import Margin
     from facts_damping_studies.sweeps.axes import Point
     from facts_damping_studies.sweeps.pool import Each
 

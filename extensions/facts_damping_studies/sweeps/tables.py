@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from facts_damping.parameters.study import Tables
+    from facts_damping_studies.parameters import Tables
     from facts_damping_studies.sweeps.sweep_rows import SweepRow
 
     RowId = tuple[str, ...]  # identifies a row

@@ -218,15 +218,14 @@ class Hygov(ParameterModel):
         return self
 
 
-class BlockControl(ParameterModel):
-    """A control that is a [table of blocks](machines.md); at most one of its sort per machine."""
+class BlockModel(ParameterModel):
+    """What is a table of blocks."""
 
-    machine: Name = Field(..., description="machine to which it belongs")
-    model: str
-    enabled: bool = Field(True, description="false: switched off")
+    if TYPE_CHECKING:
+        model: str
 
     @model_validator(mode="after")
-    def _times(self) -> BlockControl:
+    def _times(self) -> BlockModel:
         for name in MODELS[self.model].fields.split():
             value = getattr(self, name)
             if quantity_of(name).time and 0.0 < value < SHORTEST:
@@ -234,22 +233,37 @@ class BlockControl(ParameterModel):
         return self
 
 
-def _block_control(name: str) -> Any:
-    """The parameters of a model of `MODELS`, all of them needed but for those without effect."""
+class BlockControl(BlockModel):
+    """A control that is a [table of blocks](machines.md); at most one of its sort per machine."""
+
+    machine: Name = Field(..., description="machine to which it belongs")
+    model: str
+    enabled: bool = Field(True, description="false: switched off")
+
+
+def block_fields(name: str) -> dict[str, Any]:
+    """The fields of a model of `MODELS`, all of them needed but for those without effect."""
     row = MODELS[name]
     fields: dict[str, Any] = {"model": (Literal[name], Field(..., description="model"))}
     for field in row.fields.split():
         about = quantity_of(field)
         default = 0.0 if field in (*row.ignored.split(), *row.optional.split()) else ...
         fields[field] = (float, quantity(default, about.unit, about.text, ge=about.minimum, le=about.maximum))
-    if row.role == "exciter":
+    return fields
+
+
+def _block_control(name: str) -> Any:
+    fields = block_fields(name)
+    if MODELS[name].role == "exciter":
         for part, what in (("RC", "resistance"), ("XC", "reactance")):
             text = f"{what} of the load compensation: it controls |V + (RC + j XC) I|, I out of the machine"
             fields[part] = (float, quantity(0.0, "p.u.", text, ge=-10, le=10))
-    return create_model(name, __base__=BlockControl, __doc__=f"{row.text}.", **fields)
+    return create_model(name, __base__=BlockControl, __doc__=f"{MODELS[name].text}.", **fields)
 
 
-BLOCK_CONTROLS: dict[str, Any] = {name: _block_control(name) for name in MODELS}
+BLOCK_CONTROLS: dict[str, Any] = {
+    name: _block_control(name) for name, row in MODELS.items() if row.role in ("exciter", "stabiliser", "governor")
+}
 
 if TYPE_CHECKING:
     Exciter = StaticExciter | DcExciter

@@ -6,17 +6,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import Field, model_validator
 
-from facts_damping.devices.base import AtMachine, Parallel, Series, Transmission
+from facts_damping.devices.base import AtInverter, AtMachine, Parallel, Series, Transmission
 from facts_damping.devices.table import MODELS
 from facts_damping.fields import PHYSICAL, Name, ParameterModel, quantity
 from facts_damping.parameters.plant.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
+from facts_damping.parameters.plant.inverters import Inverter, InverterControl, Meter
 from facts_damping.parameters.plant.machines import Exciter, Governor, Machine, Stabiliser
 from facts_damping.parameters.plant.pmus import Measures, Pmu, Signal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    Device = Series | Parallel | Transmission | AtMachine
+    Device = Series | Parallel | Transmission | AtMachine | AtInverter
 else:
     Device = Annotated[Union[tuple(MODELS.values())], Field(discriminator="kind")]  # noqa: UP007 (made from the table)
 
@@ -39,7 +40,9 @@ class System(ParameterModel):
     loads: list[Load] = Field([], description="loads that depend on voltage and frequency")
     shunts: list[Shunt] = Field([], description="capacitors and reactors")
     infinite_buses: list[InfiniteBus] = Field([], description="buses of constant voltage")
-    machines: list[Machine] = Field([], description="synchronous machines; none only beside an infinite bus")
+    machines: list[Machine] = Field([], description="synchronous machines")
+    inverters: list[Inverter] = Field([], description="inverters of solar, wind and battery plants")
+    inverter_controls: list[InverterControl] = Field([], description="controls of inverters")
     exciters: list[Exciter] = Field([], description="excitation systems, at most one per machine")
     stabilisers: list[Stabiliser] = Field([], description="power system stabilisers, at most one per machine")
     governors: list[Governor] = Field([], description="turbines with governors, at most one per machine")
@@ -62,9 +65,20 @@ class System(ParameterModel):
         _check_references(self)
         return self
 
+    @property
+    def units(self) -> list[Any]:
+        """Machines, then inverters."""
+        return [*self.machines, *self.inverters]
+
+    @property
+    def meters(self) -> list[Meter]:
+        """Where plant controls of inverters measure, apart from the inverters' terminals."""
+        at = [(c, c.bus) for c in self.inverter_controls if c.enabled]
+        return [Meter(c.inverter, bus, [c.branch] if c.branch else []) for c, bus in at if bus is not None]
+
     def pmu_buses(self) -> dict[str, str]:
         """The bus at which each PMU measures, by its name."""
-        buses = {m.name: m.bus for m in self.machines}
+        buses = {unit.name: unit.bus for unit in self.units}
         return {s.name: s.bus or buses[s.machine or ""] for s in self.pmus}
 
     def device(self, name: str) -> Device:
@@ -91,16 +105,18 @@ def _known(field: str, name: str, allowed: Iterable[str]) -> None:
 def _check_references(system: System) -> None:
     """Raise `ValueError` where a row names a bus, machine, branch, PMU or signal that is not there."""
     buses = _unique("buses", [b.name for b in system.buses])
-    for field in ("loads", "shunts", "infinite_buses", "machines"):
+    for field in ("loads", "shunts", "infinite_buses", "machines", "inverters"):
         _unique(field, [row.name for row in getattr(system, field)])
         for row in getattr(system, field):
             _known(f"{field}: {row.name}.bus", row.bus, buses)
+    holding = [unit for unit in system.units if unit.V is not None]
+    _unique("machines, inverters", [unit.name for unit in system.units])
     _unique("infinite_buses", [i.bus for i in system.infinite_buses])
-    _unique("machines, infinite_buses", [*{m.bus for m in system.machines}, *(i.bus for i in system.infinite_buses)])
-    machines: dict[str, list[Machine]] = {}
-    for m in system.machines:
-        machines.setdefault(m.bus, []).append(m)
-    for bus, here in machines.items():
+    _unique("machines, infinite_buses", [*{m.bus for m in holding}, *(i.bus for i in system.infinite_buses)])
+    at: dict[str, list[Any]] = {}
+    for m in holding:
+        at.setdefault(m.bus, []).append(m)
+    for bus, here in at.items():
         if len({m.V for m in here}) > 1:
             voltages = ", ".join(f"{m.V:g} of {m.name}" for m in here)
             raise ValueError(f"machines.*.V: {voltages} given at bus {bus}; allowed: one voltage")
@@ -110,6 +126,7 @@ def _check_references(system: System) -> None:
         _check_ends(f"lines, transformers: {branch.name}", branch.from_bus, branch.to_bus, buses)
     _check_devices(system, buses)
     _check_machines(system)
+    _check_inverters(system, buses)
     _check_measurements(system, buses)
 
 
@@ -130,6 +147,9 @@ def _check_devices(system: System, buses: set[str]) -> None:
         if isinstance(device, AtMachine):
             _known(f"devices: {device.name}.machine", device.machine, {m.name for m in system.machines})
             _check_excited(f"devices: {device.name}.machine", device.machine, {e.machine for e in system.exciters})
+            continue
+        if isinstance(device, AtInverter):
+            _known(f"devices: {device.name}.inverter", device.inverter, {i.name for i in system.inverters})
             continue
         if not isinstance(device, Series):
             _known(f"devices: {device.name}.bus", device.bus, buses)
@@ -168,17 +188,27 @@ def _check_machines(system: System) -> None:
         _known(f"exciters.{i}.machine", exciter.machine, wound)
     if len({m.area is None for m in system.machines}) > 1:
         raise ValueError("machines.*.area: given for some machines; allowed: for all, or for none")
-    if not machines and not system.infinite_buses:
-        raise ValueError("machines: none given; allowed: at least one, or an infinite bus")
-    slack = [m.name for m in system.machines if m.slack]
+    if not machines and not system.infinite_buses and not any(i.forming for i in system.inverters):
+        raise ValueError("machines: none given; allowed: at least one, an infinite bus, or a grid-forming inverter")
+    slack = [unit.name for unit in system.units if unit.slack]
     if len(slack) != (0 if system.infinite_buses else 1):
         problem = f"{len(slack)} slack machines given ({', '.join(slack)})"
         raise ValueError(f"machines.*.slack: {problem}; allowed: exactly one, or none beside an infinite bus")
 
 
-def _check_measurements(system: System, buses: set[str]) -> None:
-    machines = {m.name for m in system.machines}
-    pmus = _unique("pmus", [s.name for s in system.pmus])
+def _check_inverters(system: System, buses: set[str]) -> None:
+    inverters, at = {i.name for i in system.inverters}, _branches_at(system)
+    for i, row in enumerate(system.inverter_controls):
+        field = f"inverter_controls.{i}"
+        _known(f"{field}.inverter", row.inverter, inverters)
+        if row.bus is not None:
+            _known(f"{field}.bus", row.bus, buses)
+        if row.branch is not None:
+            _known(f"{field}.branch", row.branch, at.get(row.bus, set()))
+
+
+def _branches_at(system: System) -> dict[str | None, set[str]]:
+    """Names of the branches at each bus."""
     joined: list[Line | Transformer] = [*system.lines, *system.transformers]
     branches = [(row.name, (row.from_bus, row.to_bus)) for row in joined]
     branches += [(d.name, d.ends) for d in system.devices if isinstance(d, Series)]
@@ -186,6 +216,12 @@ def _check_measurements(system: System, buses: set[str]) -> None:
     for name, ends in branches:
         for bus in ends:
             at.setdefault(bus, set()).add(name)
+    return at
+
+
+def _check_measurements(system: System, buses: set[str]) -> None:
+    machines = {unit.name for unit in system.units}
+    pmus, at = _unique("pmus", [s.name for s in system.pmus]), _branches_at(system)
     places = machines | buses
     for pmu in system.pmus:
         _known(f"pmus: {pmu.name}", pmu.machine or pmu.bus or "", places)

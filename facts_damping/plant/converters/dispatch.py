@@ -24,12 +24,14 @@ if TYPE_CHECKING:
 
 CODES = {name: code for code, name in enumerate(KINDS)}  # codes in compiled functions
 
-# A device: its ports (-1: none, at a machine; `other`, at a second bus; 0: none), machine, kind, states, dead time, the
-# state and time constant of its response (0: none), the limits of its setpoint and of the rate of its reference, its
-# watchdog, and the row of its kind's table; those of the other kinds are empty.
+# A device: its ports (-1: none, at a machine or inverter; `other`, at a second bus; 0: none), the machine, or the
+# inverter and its signal, at which it acts, kind, states, dead time, the state and time constant of its response (0:
+# none), the limits of its setpoint and of the rate of its reference, its watchdog, and the row of its kind's table;
+# those of the other kinds are empty.
 DEVICE = np.dtype(
     [
-        *((name, "i8") for name in ("port", "other", "machine", "kind", "offset", "states", "dead_ns", "lag")),
+        *((name, "i8") for name in ("port", "other", "machine", "inverter", "input")),
+        *((name, "i8") for name in ("kind", "offset", "states", "dead_ns", "lag")),
         *((name, "f8") for name in ("setpoint_max", "rate_max", "response_time")),
         ("watchdog", WATCHDOG),
         *((name, kind.table) for name, kind in KINDS.items()),
@@ -43,7 +45,7 @@ def install(row: Any, device: Device, site: Site) -> Start:
     start = kind.start(device, site)
     row["kind"], row["offset"], row["states"] = CODES[device.kind], site.offset, len(kind.states)
     row["setpoint_max"], row["rate_max"] = device.setpoint_max, device.rate_max
-    row["machine"] = site.machine
+    row["machine"], row["inverter"], row["input"] = site.machine, site.inverter, site.input
     row["dead_ns"], row["response_time"] = to_ns(device.dead_time), device.response_time
     row["lag"] = site.offset + len(kind.states)
     row[device.kind] = start.row

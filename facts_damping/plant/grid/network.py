@@ -195,7 +195,8 @@ def check_islands(system: System, topology: Topology, when: str) -> dict[str, in
     index = {name: i for i, name in enumerate(names)}
     ends = [(b.from_bus, b.to_bus) for b in branches(system, topology)] + [d.ends for d in series_devices(system)]
     label = dict(zip(names, parts(len(names), ((index[a], index[b]) for a, b in ends)), strict=True))
-    sources = [m.bus for m in system.machines if m.name not in topology.machines_out]
+    forming = {i.name: i.forming for i in system.inverters}
+    sources = [u.bus for u in system.units if forming.get(u.name, True) and u.name not in topology.machines_out]
     fed = {label[bus] for bus in (*sources, *(i.bus for i in system.infinite_buses))}
     for island in sorted(set(label.values()) - fed):
         members = [name for name, number in label.items() if number == island]

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.compiling.structs import Complex1, Complex2, Float1, Int1
-    from facts_damping.parameters.plant.grid import InfiniteBus
-    from facts_damping.parameters.plant.machines import Machine
+    from facts_damping.parameters.plant.inverters import Inverter
     from facts_damping.parameters.plant.system import System
     from facts_damping.plant.grid.sparse import Triplets
 
@@ -85,15 +84,17 @@ def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     parallel = [d for d in present if isinstance(d, Parallel | Transmission)]
     losses = {device.name: 0.0 for device in series}
     draws = {d.name: consumed_power(d, [1.0] * len(d.buses), system.base_power) for d in parallel}
-    change = 0.0
+    scheduled, change = [i for i in system.inverters if i.V is None], 0.0
     for _ in range(MAX_ITERATIONS):
-        flow = _solve(system, losses, [pair for d in parallel for pair in zip(d.buses, draws[d.name], strict=True)])
+        drawn_by_devices = [pair for d in parallel for pair in zip(d.buses, draws[d.name], strict=True)]
+        flow = _solve(system, losses, [*drawn_by_devices, *((i.bus, -_power(system, i)) for i in scheduled)])
         lost = {d.name: losses_of(d, flow.currents[d.name]) for d in series if d.name in installed}
         drawn = {d.name: consumed_power(d, flow.magnitudes(d.buses), system.base_power) for d in parallel}
         changes = [abs(lost[name] - losses[name]) for name in lost]
         changes += [abs(a - b) for name in drawn for a, b in zip(drawn[name], draws[name], strict=True)]
         change = max(changes, default=0.0)
         if change <= LOSS_TOLERANCE:
+            flow.generation.update({i.name: _power(system, i) for i in scheduled})
             return flow
         losses |= lost
         draws |= drawn
@@ -101,6 +102,11 @@ def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
         f"system {system.name}: power flow does not converge: losses of the devices change by {change:.3g} p.u. "
         f"after {MAX_ITERATIONS} iterations; allowed: {LOSS_TOLERANCE:g}"
     )
+
+
+def _power(system: System, inverter: Inverter) -> complex:
+    """Scheduled power of an inverter that holds no voltage, p.u."""
+    return complex(inverter.P or 0.0, inverter.Q) / system.base_power
 
 
 def demand(system: System, names: list[str], magnitude: Float1) -> Complex2:
@@ -122,7 +128,7 @@ def demand(system: System, names: list[str], magnitude: Float1) -> Complex2:
 def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, complex]]) -> PowerFlow:
     """Newton's method on the power balance of all buses, `losses` in series with the devices (p.u.).
 
-    `draws`: power of parallel devices from buses, p.u.
+    `draws`: power of parallel devices from buses, p.u.; that of inverters without a voltage is below 0.
 
     Unknowns are the angles of all buses except the slack's and the infinite ones, and the magnitudes at the buses
     without a machine; equations P_i + j Q_i = V_i conj(sum_j Y_ij V_j) (Kundur 1994, 6.4). A series FACTS device is
@@ -138,14 +144,15 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     matrix = network.admittance(index, present, shunts)
     scheduled = np.zeros(len(names), np.complex128)
     magnitude, angle = np.ones(len(names)), np.zeros(len(names))
-    for machine in system.machines:
+    holding = [unit for unit in system.units if unit.V is not None]
+    for machine in holding:
         scheduled[index[machine.bus]] += (machine.P or 0.0) / system.base_power
     of_devices = np.zeros(len(names), np.complex128)
     for bus, power in draws:
         of_devices[index[bus]] += power
     scheduled -= of_devices
-    fixed: list[Machine | InfiniteBus] = [*system.infinite_buses, *(m for m in system.machines if m.slack)]
-    held: list[Machine | InfiniteBus] = [*system.infinite_buses, *system.machines]
+    fixed: list[Any] = [*system.infinite_buses, *(m for m in holding if m.slack)]
+    held: list[Any] = [*system.infinite_buses, *holding]
     for source in fixed:
         angle[index[source.bus]] = np.deg2rad(source.angle)
     for source in held:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from facts_damping.compiling.structs import Bool1, Complex1, Complex2, Int1
     from facts_damping.devices.base import Series
+    from facts_damping.parameters.plant.inverters import Meter
     from facts_damping.parameters.plant.pmus import Pmu
     from facts_damping.parameters.plant.system import System
 
@@ -27,11 +28,16 @@ STRAY = 1e-9j  # p.u., small susceptance at buses without a path to ground
 
 
 class Place(NamedTuple):
-    """Location of a port: in parallel at a bus (of a machine, load or device), or a series device."""
+    """Location of a port: in parallel at a bus (of a machine, load, device or inverter), or a series device.
+
+    `admittance` (p.u.) of an inverter is in the network while it is in service.
+    """
 
     bus: str = ""
     machine: str | None = None
     device: Series | None = None
+    inverter: str | None = None
+    admittance: complex = 0j
 
 
 class _Equations(NamedTuple):
@@ -44,6 +50,7 @@ class _Equations(NamedTuple):
     sources: Triplets  # (live, inputs)
     inputs: int
     live: Int1
+    out: frozenset[str]  # machines and inverters out of service
     fixed: dict[int, int]  # input that is the voltage of an infinite bus
 
 
@@ -99,7 +106,9 @@ def sparse_network(
         lower=_cut(lu.lower),
         upper=_cut(lu.upper._replace(value=upper)),
         inputs=_entries(inputs, net.sources.column, lu.place[net.sources.row], net.sources.value),
-        outputs=_entries(len(norton) + len(places) + 2 * len(system.pmus), *summed(inputs + live, outputs)),
+        outputs=_entries(
+            len(norton) + len(places) + 2 * (len(system.pmus) + len(system.meters)), *summed(inputs + live, outputs)
+        ),
         own=np.zeros(len(places), np.complex128),
     )
     own_responses(reduced, np.zeros(inputs, np.complex128), np.zeros(live, np.complex128), len(norton))
@@ -130,7 +139,7 @@ def _singular(system: System) -> Iterator[None]:
 
 
 def _outputs(system: System, places: Sequence[Place], net: _Equations) -> Iterator[list[Part]]:
-    """The outputs: voltages of machines, responses of ports, voltages and currents of PMUs."""
+    """The outputs: voltages of machines, responses of ports, voltages and currents of PMUs and of plants' meters."""
     first = len(net.at) + len(net.norton) + len(system.infinite_buses)
     series = {device.name: _series_current(net, device, first + p) for p, device in _in_series(places)}
     machines = {m.name: g for g, m in enumerate(system.machines)}
@@ -141,12 +150,17 @@ def _outputs(system: System, places: Sequence[Place], net: _Equations) -> Iterat
     for i, branch in enumerate(net.present):
         branches.setdefault(branch.name, []).append(i)
 
+    inverters = {place.inverter: (p, place) for p, place in enumerate(places) if place.inverter}
+
     def of_machine(name: str) -> list[Part]:
+        if name in inverters:
+            p, place = inverters[name]
+            return [([(1.0, first + p), (-place.admittance * (name not in net.out), net.at[place.bus])], 1.0)]
         g = machines[name]
         terms = [] if net.norton[g] == 0 else [len(net.at) + g, *salient.get(name, [])]
         return [([*((1.0, at) for at in terms), (-net.norton[g], net.at[system.machines[g].bus])], 1.0)]
 
-    def into_branches(pmu: Pmu) -> Iterator[Part]:
+    def into_branches(pmu: Pmu | Meter) -> Iterator[Part]:
         for i in sorted(i for name in pmu.branches for i in branches.get(name, [])):
             branch = net.present[i]
             if pmu.bus not in (branch.from_bus, branch.to_bus):
@@ -167,6 +181,10 @@ def _outputs(system: System, places: Sequence[Place], net: _Equations) -> Iterat
         yield [([(1.0, net.at[bus])], 1.0)]
     for pmu in system.pmus:
         yield of_machine(pmu.machine) if pmu.machine is not None else list(into_branches(pmu))
+    for meter in system.meters:
+        yield [([(1.0, net.at[meter.bus])], 1.0)]
+    for meter in system.meters:
+        yield list(into_branches(meter))
 
 
 def _in_series(places: Sequence[Place]) -> list[tuple[int, Series]]:
@@ -198,7 +216,8 @@ def _equations(
     dead = network.grounded(topology)
     fixed = {index[inf.bus]: machines + i for i, inf in enumerate(system.infinite_buses) if inf.bus not in dead}
     known = np.isin(np.arange(len(names)), [*fixed, *(index[bus] for bus in dead)])
-    shunts = [*network.shunts(system, topology, voltage).items(), *at_machines]
+    behind_ports = [(p.bus, p.admittance) for p in places if p.admittance and p.inverter not in topology.machines_out]
+    shunts = [*network.shunts(system, topology, voltage).items(), *at_machines, *behind_ports]
     matrix = network.admittance(index, present, shunts)
     stray = [(names[i], STRAY) for i in np.flatnonzero(floating(matrix, known))]
     if stray:
@@ -219,7 +238,8 @@ def _equations(
     inputs = machines + infinite + len(places)
     sources = summed(inputs, ((place_of[i], c, value) for i, c, value in entries if not known[i]))
     matrix_of_live = filled(len(names), at, matrix.value[inner], len(live))
-    return _Equations(index, present, norton, matrix_of_live, sources, inputs, live, fixed)
+    out = frozenset(topology.machines_out)
+    return _Equations(index, present, norton, matrix_of_live, sources, inputs, live, out, fixed)
 
 
 def floating(matrix: Triplets, fixed: Bool1) -> Bool1:

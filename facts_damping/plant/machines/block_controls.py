@@ -1,4 +1,4 @@
-"""Block-diagram controls built from their parameters: rows in order of evaluation, and initial states."""
+"""Block-diagram controls built from their parameters: rows in order of evaluation."""
 
 from __future__ import annotations
 
@@ -11,25 +11,19 @@ import numpy as np
 from facts_damping.elementary import rect
 from facts_damping.errors import InputError
 from facts_damping.machine_controls.block_models import INPUTS, MODELS
-from facts_damping.machine_controls.blocks import SHORTEST, TABLES, Block
-from facts_damping.numerics.matrices import least_squares
+from facts_damping.machine_controls.blocks import SHORTEST, Block
 from facts_damping.plant.machines import blocks as kernel
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.compiling.structs import Float1
-
 GIVES = {"governor": "Pm", "stabiliser": "Vs", "exciter": "Efd"}
 # Kinds with direct feedthrough.
-FEEDTHROUGH = {"sum", "lead_lag", "washout", "rate", "second_order", "product", "source", "rectifier", "curve"}
+FEEDTHROUGH = {"sum", "lead_lag", "washout", "rate", "second_order", "product", "source", "rectifier", "curve", "after"}
 FILTER_ORDER = 20  # of a ramp-tracking filter, of which the library allows 8
 ORDER = 10  # of a dead time's approximation, right to 1e-4 at a lag of 10 rad; of a short one less: a state for 4 ms
-TOLERANCE = 1e-10  # p.u., 1/s, residual of the steady state
-STEPS = 50  # largest number of iterations from one starting point
-STARTS = (1.0, 3.0, 10.0)  # starting points of all states, times the output: of a rectifier they are far above it
 
 
 class Control(NamedTuple):
@@ -38,38 +32,78 @@ class Control(NamedTuple):
     rows: NDArray[Any]
     gives: list[str]
     states: list[str]
+    first: int = 0  # number of the first rows, which follow from states and what is always known
 
 
-def control(data: Any) -> Control:
-    """The rows of a control with its parameters (`parameters.plant.machines`); state indices count from 0.
+class Signals(NamedTuple):
+    """What the blocks of a control may use: signals that are always known, and those that are measured."""
 
-    Raises `InputError` if blocks form an algebraic loop, or a gain is infinite.
+    known: Sequence[str]
+    measured: Sequence[str] = ()
+
+
+MACHINE = Signals(kernel.SENSED)
+
+
+def owner(data: Any) -> str:
+    """The name of the machine or inverter whose control it is."""
+    return str(getattr(data, "machine", None) or getattr(data, "inverter", None) or data.name)
+
+
+def active_blocks(data: Any) -> list[Block]:
+    """The blocks of a model that its fields ask for."""
+    return [block for block in MODELS[data.model].blocks if block.when is None or block.when(data)]
+
+
+def control(*models: Any, signals: Signals = MACHINE) -> Control:
+    """The rows of a control of one or several models, with their parameters; state indices count from 0.
+
+    A block may have the name of a signal, which it then replaces. Raises `InputError` if blocks form an algebraic loop,
+    two of them have one name, or a gain is infinite.
     """
-    try:
-        return _control(data)
-    except ZeroDivisionError as error:
-        raise InputError(f"{data.model} of {data.machine}: an infinite gain given; allowed: finite gains") from error
-
-
-def _control(data: Any) -> Control:
-    blocks = _in_order([_plain(block, data) for block in _spread(MODELS[data.model].blocks, data)], data)
-    signals = {name: i for i, name in enumerate([*kernel.SENSED, *(block.name for block in blocks)])}
-    signals |= {"input": signals[_sensed(data, "IC", 1)], "input_2": signals[_sensed(data, "IC2", 0)]}
+    blocks = list[_Plain]()
+    for data in models:
+        try:
+            blocks += [_plain(block, data) for block in _spread(active_blocks(data), data)]
+        except ZeroDivisionError as error:
+            text = "an infinite gain given; allowed: finite gains"
+            raise InputError(f"{data.model} of {owner(data)}: {text}") from error
+    named = [block.name for block in blocks]
+    if doubled := sorted({name for name in named if named.count(name) > 1}):
+        text = f"two signals {', '.join(doubled)} given; allowed: one control of each sort"
+        raise InputError(f"{' and '.join(data.model for data in models)} of {owner(models[0])}: {text}")
+    rename = {"Pref": "Pext"} if "Pext" in signals.known and "Pref" not in named else {}
+    blocks = [b._replace(inputs=[(rename.get(name, name), weight) for name, weight in b.inputs]) for b in blocks]
+    label = f"{models[0].model} of {owner(models[0])}"
+    first = _in_order(blocks, set(signals.known) - set(named))
+    rest = [block for block in blocks if block not in first]
+    known = {*signals.known, *signals.measured}.difference(named).union(block.name for block in first)
+    later = _in_order(rest, known)
+    if left := [block.name for block in rest if block not in later]:
+        text = f"an algebraic loop: {', '.join(left)}; allowed: a time constant above 0"
+        raise InputError(f"{label}: {text}")
+    blocks = first + later
+    at = {name: i for i, name in enumerate([*signals.known, *signals.measured, *(block.name for block in blocks)])}
     rows, states = np.zeros(len(blocks), kernel.BLOCK), list[str]()
     for row, block in zip(rows, blocks, strict=True):
-        row["kind"], row["state"] = kernel.KINDS.index(block.kind), kernel.STATELESS
-        for i, (name, weight) in enumerate(_inputs(block.inputs, data)):
-            row["source"][i], row["weight"][i] = signals[name], weight
-            row["inputs"] = i + 1
-        row["p"][: len(block.p)] = block.p
-        row["low"] = -kernel.NO_LIMIT if block.low is None else block.low
-        row["high"] = kernel.NO_LIMIT if block.high is None else block.high
-        row["low_of"], row["high_of"] = signals[block.low_of], signals[block.high_of]
-        if block.states:
-            row["state"] = len(states)
-            ends = ["", "_rate"] if block.kind != "dead_time" else [f"_{i}" for i in range(block.states)]
-            states += [f"{block.name}{end}" for end in ends[: block.states]]
-    return Control(rows, [block.name for block in blocks], states)
+        _fill(row, block, at, states)
+    return Control(rows, [block.name for block in blocks], states, len(first))
+
+
+def _fill(row: Any, block: _Plain, at: dict[str, int], states: list[str]) -> None:
+    """Write a row of BLOCK, and add the names of its states."""
+    row["kind"], row["state"] = kernel.KINDS.index(block.kind), kernel.STATELESS
+    for i, (name, weight) in enumerate(block.inputs):
+        row["source"][i], row["weight"][i] = at[name], weight
+        row["inputs"] = i + 1
+    row["p"][: len(block.p)] = block.p
+    row["low"] = -kernel.NO_LIMIT if block.low is None else block.low
+    row["high"] = kernel.NO_LIMIT if block.high is None else block.high
+    row["low_of"], row["high_of"], row["hold"] = at[block.low_of], at[block.high_of], at[block.hold]
+    if block.states:
+        row["state"] = len(states)
+        ends = ["", "_rate"] if block.kind != "dead_time" else [f"_{i}" for i in range(block.states)]
+        states += [f"{block.name}{end}" for end in ends[: block.states]]
 
 
 def _sensed(data: Any, field: str, usual: int) -> str:
@@ -77,7 +111,7 @@ def _sensed(data: Any, field: str, usual: int) -> str:
     code = int(getattr(data, field, usual))
     if code not in INPUTS:
         allowed = ", ".join(map(str, INPUTS))
-        raise InputError(f"{data.model} of {data.machine}: {field}: {code} given; allowed: {allowed}")
+        raise InputError(f"{data.model} of {owner(data)}: {field}: {code} given; allowed: {allowed}")
     return INPUTS[code]
 
 
@@ -86,7 +120,7 @@ class _Plain(NamedTuple):
 
     name: str
     kind: str
-    inputs: str
+    inputs: list[tuple[str, float]]  # signals with their weights
     p: tuple[float, ...]
     states: int
     low: float | None
@@ -159,7 +193,8 @@ def _plain(block: Block, data: Any) -> _Plain:
     elif kind == "angle_lag":
         p, states = (max(c[0], SHORTEST),), 1
     low, high = (None if limit is None else _number(limit, data) for limit in (block.low, block.high))
-    return _Plain(block.name, kind, inputs, p, states, low, high, block.low_of, block.high_of, block.hold)
+    weighted = _inputs(inputs, data)
+    return _Plain(block.name, kind, weighted, p, states, low, high, block.low_of, block.high_of, block.hold)
 
 
 def _points(constants: Sequence[float]) -> tuple[float, ...]:
@@ -188,7 +223,7 @@ def _spread(blocks: Sequence[Block], data: Any) -> list[Block]:
         lead, lag, maximum, times = (_number(constant, data) for constant in block.constants)
         if maximum * times > FILTER_ORDER:
             text = f"M N = {maximum * times:g} given; allowed: at most {FILTER_ORDER}"
-            raise InputError(f"{data.model} of {data.machine}: {text}")
+            raise InputError(f"{data.model} of {owner(data)}: {text}")
         parts = [(1.0, lead, lag) if i % max(1, int(maximum)) == 0 else (1.0, lag) for i in range(int(maximum * times))]
         before = block.inputs
         for i, constants in enumerate(parts):
@@ -204,134 +239,28 @@ def _inputs(text: str, data: Any) -> list[tuple[str, float]]:
     """Signals and weights of an expression such as "Vref - K1 * VT"."""
     weighted = []
     for sign, factor, name in re.findall(r"([+-]?)\s*(?:(\w+)\s*\*\s*)?(\w+)", text):
-        weight = 1.0
+        weight, signal = 1.0, name
+        if name in ("input", "input_2"):
+            signal = _sensed(data, "IC", 1) if name == "input" else _sensed(data, "IC2", 0)
         if factor:
             derived = MODELS[data.model].factors
             weight = derived[factor](data) if factor in derived else _number(factor, data)
-        weighted.append((name, -weight if sign == "-" else weight))
+        weighted.append((signal, -weight if sign == "-" else weight))
     return weighted
 
 
-def _in_order(blocks: Sequence[_Plain], data: Any) -> list[_Plain]:
-    """Blocks sorted so that each output depends only on earlier rows and on states."""
-    done, left = list[_Plain](), list(blocks)
-    known = {*kernel.SENSED, "input", "input_2"}
-    while left:
-        ready = next((block for block in left if _needs(block, data) <= known), None)
-        if ready is None:
-            names = ", ".join(block.name for block in left)
-            raise InputError(
-                f"{data.model} of {data.machine}: an algebraic loop: {names}; allowed: a time constant above 0"
-            )
+def _in_order(blocks: Iterable[_Plain], known: set[str]) -> list[_Plain]:
+    """Blocks sorted so that each output depends on earlier ones, states and known signals; those for which it can."""
+    done, left, known = list[_Plain](), list(blocks), set(known)
+    while ready := next((block for block in left if _needs(block) <= known), None):
         left.remove(ready)
         done.append(ready)
         known.add(ready.name)
     return done
 
 
-def _needs(block: _Plain, data: Any) -> set[str]:
+def _needs(block: _Plain) -> set[str]:
     """Signals with direct feedthrough to a block's output."""
     limits = {block.low_of, block.high_of}
     at_once = not block.states or block.kind in FEEDTHROUGH or (block.kind == "pi" and block.p[0] != 0.0)
-    return limits | {name for name, _ in _inputs(block.inputs, data)} if at_once else limits
-
-
-class LimitViolation(NamedTuple):
-    """A limit that excludes the initial state: the signal, its value, the limits; the parameter and a valid value."""
-
-    control: Any
-    name: str
-    value: float  # p.u.
-    low: float
-    high: float
-    field: str | None  # None: the limit is no parameter
-    wanted: float  # p.u., valid value of the parameter
-
-    @property
-    def table(self) -> str:
-        """The table of the system with the control; of the models without blocks only HYGOV has such limits."""
-        return TABLES[MODELS[self.control.model].role] if self.control.model in MODELS else "governors"
-
-    def __str__(self) -> str:
-        """Text for an error message."""
-        where = f"{self.table}: {self.control.machine}: {self.control.model}: {self.name}"
-        limits = f"{self.low:.4g} to {self.high:.4g}"
-        return f"{where} is {self.value:.4g} p.u. at the start; allowed by its limits: {limits}"
-
-
-class Rest(NamedTuple):
-    """Steady state of a control: its states, the reference, what it gives, and the limits that exclude it."""
-
-    states: NDArray[np.float64]
-    reference: float
-    gives: float
-    violations: list[LimitViolation]
-
-
-def self_excited(block_control: Control, data: Any, field_voltage: float) -> Control:
-    """The control with a KE of 0 set so that VR is VRMAX / 10 at the start, as in PSS/E: VRMAX / (10 Efd) - SE(Efd)."""
-    rows = block_control.rows.copy()
-    for row in rows:
-        if row["kind"] == kernel.FIELD and row["p"][0] == 0.0:
-            beyond = max(0.0, field_voltage - row["p"][2])
-            row["p"][0] = (data.VRMAX / 10.0 - row["p"][3] * beyond * beyond) / field_voltage
-    return block_control._replace(rows=rows)
-
-
-def at_rest(
-    block_control: Control, data: Any, sensed: Mapping[str, float], gives: float | None, reference: str | None
-) -> Rest:
-    """States and the value of the signal `reference` for which a control's output is `gives` at steady state.
-
-    It is solved by Newton's method without limits. Raises `InputError` if there is no steady state.
-    """
-    s = np.zeros(len(kernel.SENSED) + len(block_control.rows))
-    for name, value in {"one": 1.0, **sensed}.items():
-        s[kernel.SENSED.index(name)] = value
-    free = block_control.rows.copy()
-    freed = free["kind"] != kernel.LIMITER
-    free["low"][freed], free["high"][freed] = -kernel.NO_LIMIT, kernel.NO_LIMIT
-    free["low_of"][freed] = free["high_of"][freed] = kernel.ONE
-    output = block_control.gives.index(GIVES[MODELS[data.model].role])
-    n, at = len(block_control.states), len(kernel.SENSED)
-
-    def moves(z: Float1) -> Float1:
-        x, dx = np.ascontiguousarray(z[:n]), np.zeros(n)
-        if reference is not None:
-            s[kernel.SENSED.index(reference)] = z[n]
-        kernel.moved(free, at, x, s, dx)
-        return np.append(dx, s[at + output] - gives) if reference is not None and gives is not None else dx
-
-    for scale in STARTS:
-        z = _zero(moves, np.full(n + (reference is not None), scale * (1.0 if gives is None else gives)))
-        if z is not None:
-            break
-    else:
-        raise InputError(f"{data.model} of {data.machine}: no steady state found at the start")
-    solved = float(z[n]) if reference is not None else 0.0
-    return Rest(z[:n], solved, float(s[at + output]), _violations(block_control, data, s))
-
-
-def _zero(f: Callable[[Float1], Float1], z: Float1) -> Float1 | None:
-    """Zero of a function by Newton's method from a point on; None: it does not converge."""
-    for _ in range(STEPS):
-        left = f(z)
-        if np.abs(left).max(initial=0.0) < TOLERANCE:
-            return z
-        slopes = [(f(z + step) - f(z - step)) / (2.0 * step.max()) for step in 1e-6 * np.eye(len(z))]
-        z = z - least_squares(np.array(slopes).T, left)
-    return None
-
-
-def _violations(block_control: Control, data: Any, s: Float1) -> list[LimitViolation]:
-    """Limits violated by the signals of a control whose steady state was found without limits."""
-    wrong, fields = list[LimitViolation](), {block.name: block for block in MODELS[data.model].blocks}
-    for row, name, value in zip(block_control.rows, block_control.gives, s[len(kernel.SENSED) :], strict=True):
-        low, high = row["low"] * s[row["low_of"]], row["high"] * s[row["high_of"]]
-        if low - 1e-9 <= value <= high + 1e-9:
-            continue
-        side, of = ("low", row["low_of"]) if value < low else ("high", row["high_of"])
-        limit = getattr(fields[name], side)
-        field = limit if isinstance(limit, str) else None
-        wrong.append(LimitViolation(data, name, float(value), float(low), float(high), field, float(value / s[of])))
-    return wrong
+    return limits | {name for name, _ in block.inputs} if at_once else limits

@@ -56,7 +56,7 @@ KINDS = (
     "angle_lag",
 )
 MAX_INPUTS = 5
-POINTS = 5  # of a curve
+POINTS = 10  # of a curve
 NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
 STATELESS = -1
 TURN = 2.0 * math.pi

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.plant.machines.block_controls import LimitViolation
+from facts_damping.plant.machines.block_rest import LimitViolation
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1

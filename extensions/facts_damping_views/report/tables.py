@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.analysis.details import JUDGED, together
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.modes.ringdown import COVERED
@@ -15,7 +14,8 @@ from facts_damping.analysis.supervision import actions, cause_text, probe_text
 from facts_damping.digest import digest
 from facts_damping.findings import clause
 from facts_damping.monitor_table import STATES
-from facts_damping.report.contents import SENTENCES, Cell, ReportTable
+from facts_damping_views.analysis.details import JUDGED, together
+from facts_damping_views.report.contents import SENTENCES, Cell, ReportTable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.analysis.summary import ModeFit
-    from facts_damping.report.contents import Mark, ReportedRun
+    from facts_damping_views.report.contents import Mark, ReportedRun
 
 # Rows of the summary in which runs are compared, and whether the largest value is best. Low device effort and
 # low link latency do not count as best.

@@ -3,7 +3,7 @@
 `contents` defines it as plain data; `plotting` makes the charts, `page` the file.
 """
 
-from facts_damping.report.contents import ReportedRun
-from facts_damping.report.page import write, write_runs
+from facts_damping_views.report.contents import ReportedRun
+from facts_damping_views.report.page import write, write_runs
 
 __all__ = ["ReportedRun", "write", "write_runs"]

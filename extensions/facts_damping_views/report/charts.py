@@ -12,9 +12,9 @@ import numpy as np
 from facts_damping.analysis.measures import event_times, measure_weights, speed_differences
 from facts_damping.analysis.modes.ringdown import interval
 from facts_damping.analysis.plotting.pictures import PICTURES, shown, title_of
-from facts_damping.analysis.time_frequency import BAND, analyse
 from facts_damping.errors import InputError
-from facts_damping.report.contents import SENTENCES, Chart, Curve, Map, Maps, Panel
+from facts_damping_views.analysis.time_frequency import BAND, analyse
+from facts_damping_views.report.contents import SENTENCES, Chart, Curve, Map, Maps, Panel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from facts_damping.analysis.plotting import pictures as analysed
     from facts_damping.analysis.plotting.pictures import Picture
     from facts_damping.analysis.summary import ModeFit
-    from facts_damping.analysis.time_frequency import Distribution
-    from facts_damping.report.contents import ReportedRun
+    from facts_damping_views.analysis.time_frequency import Distribution
+    from facts_damping_views.report.contents import ReportedRun
 
 BEFORE, AFTER = 2.0, 58.0  # s before and after the first event shown in detail
 POINTS = 6000  # of a trace, at most: three per pixel of a wide screen

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import Field, model_validator
 
 from facts_damping.fields import Name, ParameterModel, quantity
-from facts_damping.parameters.files import FIELD_PATH
+from facts_damping.parameters.profile import FieldPath
 
-FieldPath = Annotated[str, StringConstraints(max_length=200, pattern=rf"^{FIELD_PATH}$")]
 Number = int | float
 Criterion = Literal["unstable", "not_damped", "damping", "worse", "linear"]
 DAMPING_RATIO = 0.03

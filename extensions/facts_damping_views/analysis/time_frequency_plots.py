@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from facts_damping.analysis.measures import recorded
 from facts_damping.analysis.plotting.plots import COLOURS, DPI, mark_events
-from facts_damping.analysis.time_frequency import BAND, LAG, TIME, analyse
 from facts_damping.errors import InputError
 from facts_damping.output.picture_files import save_picture
+from facts_damping_views.analysis.time_frequency import BAND, LAG, TIME, analyse
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
     from numpy.typing import NDArray
 
-    from facts_damping.analysis.time_frequency import Analysed, Distribution
     from facts_damping.record import Record
+    from facts_damping_views.analysis.time_frequency import Analysed, Distribution
 
 SIZE = (10.0, 7.5)  # inch
 MAP = "RdBu_r"  # white is zero, blue is negative (interference)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.analysis.supervision import trips
-from facts_damping.report import tables
-from facts_damping.report.charts import charts, maps, modes
-from facts_damping.report.contents import Report, Section, Tile
 from facts_damping.signals import NANOSECONDS
+from facts_damping_views.report import tables
+from facts_damping_views.report.charts import charts, maps, modes
+from facts_damping_views.report.contents import Report, Section, Tile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from facts_damping.analysis.summary import Summary
     from facts_damping.record import Record
-    from facts_damping.report.contents import ReportedRun
+    from facts_damping_views.report.contents import ReportedRun
 
 # Pictures of `analysis.pictures` by section.
 FIRST = ("tie_power", "differences")  # the first of these that has data opens the report

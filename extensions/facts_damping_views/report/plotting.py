@@ -11,14 +11,14 @@ from bokeh.palettes import RdBu, interp_palette
 from bokeh.plotting import figure
 
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping.report.contents import Chart, Maps
+from facts_damping_views.report.contents import Chart, Maps
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bokeh.models.renderers import DataRenderer
 
-    from facts_damping.report.contents import Curve, Map, Panel, Report
+    from facts_damping_views.report.contents import Curve, Map, Panel, Report
 
 HEIGHT, TALL = 240, 340  # pixels, of a panel among others, and of a chart's only panel
 PALETTE = interp_palette(RdBu[11], 255)  # blue negative, red positive, as in the pictures of analyze --spwvd

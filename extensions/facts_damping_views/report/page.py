@@ -11,17 +11,17 @@ from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from facts_damping.analysis.details import improvements
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.analysis.summary import AUTO, Summary, summarise
 from facts_damping.errors import InputError
 from facts_damping.escaping import escaped
 from facts_damping.output.writing import write_whole
-from facts_damping.report.contents import ReportedRun, ReportTable
-from facts_damping.report.plotting import plot
-from facts_damping.report.sections import MAX_EVENTS, build
 from facts_damping.simulation.twins import twin_of
 from facts_damping.version import __version__
+from facts_damping_views.analysis.details import improvements
+from facts_damping_views.report.contents import ReportedRun, ReportTable
+from facts_damping_views.report.plotting import plot
+from facts_damping_views.report.sections import MAX_EVENTS, build
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from bokeh.models import Model
 
     from facts_damping.record import Record
-    from facts_damping.report.contents import Report
+    from facts_damping_views.report.contents import Report
 
 LONG = 24  # characters: longer table entries are wrapped
 MARKS = {"best": "▲", "worst": "▼"}
@@ -93,8 +93,8 @@ def page(report: Report) -> str:
         for key, parts in charts.items()
     }
     templates = Environment(
-        loader=PackageLoader("facts_damping.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, finalize=_shown,
+        loader=PackageLoader("facts_damping_views.report", "."), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, finalize=_shown,
     )  # fmt: skip
     return templates.get_template("page.html").render(
         report=report,

@@ -1,0 +1,98 @@
+"""The command `analyze`: figures, pictures and one page of recordings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from facts_damping.case import loading
+from facts_damping.cli.reporting import report, run_result
+from facts_damping.errors import InputError, check_known
+from facts_damping.findings import names, without_control
+from facts_damping.output.terminal import Progress, note
+from facts_damping.parameters import files
+from facts_damping.record import Record
+from facts_damping.recording.reader import load
+from facts_damping.simulation.replaying.replay import check_has_run
+from facts_damping_views.analysis import details
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
+    from facts_damping.analysis.summary import Summary
+
+FREE = "no_control"  # stands for a recording: the same run without control
+
+
+def analyze(arguments: argparse.Namespace) -> None:
+    """Print figures and make plots of recordings."""
+    files.check_writable(arguments.report, "--report", standard=False)
+    if arguments.spwvd is None and (arguments.windows or arguments.band):
+        raise InputError("--windows, --band: given without --spwvd; allowed: with --spwvd SIGNAL,...")
+    paths = list(arguments.recordings)
+    first = paths[0] if arguments.baseline is None else arguments.baseline
+    check_known("--baseline", first, [*paths, FREE])
+    records = list[Record]()
+    with Progress("read", "recordings") as progress:
+        for i, path in enumerate(paths):
+            progress(i, len(paths))
+            records.append(_explained(load(path), path, arguments.run))
+    if first == FREE:
+        paths.append(FREE)
+        records.append(without_control(records[0]))
+    labels, baseline = names(records), paths.index(first)
+    results = [
+        run_result(record, recording=str(path), method=arguments.modes_method)
+        for record, path in zip(records, paths, strict=True)
+    ]
+    summaries = [result.summary for result in results]
+    percents = details.improvements(summaries, baseline)
+    rows = [
+        details.details(record)._replace(improvement_percent=percent)
+        for record, percent in zip(records, percents, strict=True)
+    ]
+    results = [replace(result, more=row._asdict()) for result, row in zip(results, rows, strict=True)]
+    named = list(zip(labels, records, strict=True))
+    folder = Path(arguments.out) if arguments.out is not None else Path(paths[0]).parent / "analysis"
+    more = [*details.lines(labels, summaries, rows, baseline), *_distributions(arguments, named, summaries, folder)]
+    if arguments.report is not None:
+        from facts_damping_views.report import ReportedRun, write_runs
+
+        runs = map(ReportedRun, labels, records, summaries, map(str, paths), percents)
+        write_runs(Path(arguments.report), list(runs), baseline)
+        more.append(f"report: {arguments.report}")
+    report(arguments, named, results, files.new_folder(folder), *more)
+
+
+def _distributions(
+    arguments: argparse.Namespace, named: Sequence[tuple[str, Record]], summaries: Sequence[Summary], folder: Path
+) -> list[str]:
+    """Draw time-frequency pictures if asked for; one line each."""
+    if arguments.spwvd is None:
+        return []
+    from facts_damping_views.analysis.time_frequency_plots import Settings, distribution_figures, save
+
+    asked = Settings()
+    if arguments.windows:
+        asked = asked._replace(lag=arguments.windows[0], time=arguments.windows[1])
+    if arguments.band:
+        asked = asked._replace(band=arguments.band)
+    records = [
+        (name, record, [mode.frequency_hz for mode in summary.modes])
+        for (name, record), summary in zip(named, summaries, strict=True)
+    ]
+    figures, notes = distribution_figures(records, arguments.spwvd.split(","), asked)
+    paths = save(figures, files.new_folder(folder))
+    for line in notes:
+        note(line)
+    return [f"plot: {path}" for path in paths]
+
+
+def _explained(record: Record, path: str, run_name: str | None) -> Record:
+    """The record; if it holds no run (`ros2 bag record` stores none), with the run of a name or file."""
+    if record.configuration or run_name is None:
+        check_has_run(record, path)
+        return record
+    return replace(record, configuration=loading.load_case(run_name).document())

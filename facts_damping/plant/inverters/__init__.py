@@ -1,0 +1,1 @@
+"""Inverters: sources in the network with controls that are tables of blocks."""

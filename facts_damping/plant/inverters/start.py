@@ -1,0 +1,200 @@
+"""Inverters with their controls at rest, from the solved power flow."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.elementary import magnitude, phase, rect
+from facts_damping.errors import InputError
+from facts_damping.machine_controls.block_models import MODELS
+from facts_damping.numerics.phasors import over, times
+from facts_damping.plant.converters.site import INVERTER as PORT_OF_INVERTER
+from facts_damping.plant.grid import network
+from facts_damping.plant.grid.reduction import Place
+from facts_damping.plant.inverters.inverter import CURRENT, INVERTER, KNOWN, MEASURED, SETPOINTS, VOLTAGE
+from facts_damping.plant.machines.block_controls import Control, Signals, control
+from facts_damping.plant.machines.block_rest import LimitViolation, at_rest
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.machine_controls.blocks import Source
+    from facts_damping.parameters.plant.inverters import Inverter, Meter
+    from facts_damping.parameters.plant.system import System
+    from facts_damping.plant.grid.power_flow import PowerFlow
+    from facts_damping.plant.tables import Ports, States
+
+SIGNALS = Signals(KNOWN, MEASURED)
+REFERENCES = ("Pext", "Qext")
+
+
+class Inverters(NamedTuple):
+    """All inverters at rest: their table, rows of blocks, and the limits that exclude the start."""
+
+    rows: NDArray[Any]
+    blocks: list[NDArray[Any]]
+    violations: list[LimitViolation]
+
+
+def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Ports, first: int) -> Inverters:
+    """Every inverter at the power flow's operating point; `first`: number of rows of blocks before theirs.
+
+    Raises `InputError` if one has no steady state there.
+    """
+    started = Inverters(np.zeros(len(system.inverters), INVERTER), [], [])
+    plant_meters = {meter.inverter: (n, meter) for n, meter in enumerate(system.meters)}
+    branches = {b.name: b for b in network.branches(system, network.Topology())} if plant_meters else {}
+    for i, inverter in enumerate(system.inverters):
+        row, voltage = started.rows[i], flow.by_bus[inverter.bus]
+        row["ratio"] = inverter.rating / system.base_power
+        row["bus"] = row["branch"] = -1
+        current = complex(over(flow.generation[inverter.name], voltage)).conjugate() / row["ratio"]
+        power = flow.generation[inverter.name] * system.base_power
+        data = inverter.model_copy(update={"P": power.real, "Q": power.imag})
+        controls = [c for c in system.inverter_controls if c.inverter == inverter.name and c.enabled]
+        sensed, wanted = _terminals(row, data, voltage, current)
+        sensed |= {"omega_0": 2 * math.pi * system.frequency, "speed": 1.0}
+        if inverter.name in plant_meters:
+            n, meter = plant_meters[inverter.name]
+            row["bus"], row["branch"] = n, n if meter.branches else -1
+            sensed |= _at_plant(row, meter, flow, branches)
+        row["compensation"] = sum(complex(getattr(c, "Rc", 0), getattr(c, "Xc", 0)) for c in controls if c.bus)
+        sensed["Vcomp"] = _compensated(row, voltage, sensed)
+        sensed |= {f"{name}0": sensed[name] for name in ("Vt", "Pe", "Qe", "Vbus", "Vcomp", "Pbranch", "Qbranch")}
+        assembled = control(data, *controls, signals=SIGNALS)
+        references = [name for name in REFERENCES if name not in assembled.gives and _uses(assembled, name)]
+        rest = at_rest(assembled, [data, *controls], sensed, wanted, references, SIGNALS)
+        started.violations.extend(rest.violations)
+        row["sensed"] = rest.signals[: len(KNOWN)]
+        _place(row, assembled, MODELS[inverter.model].source, first + sum(map(len, started.blocks)))
+        started.blocks.append(_moved(assembled, states.offset))
+        states.add(inverter.name, assembled.states, rest.states)
+        place = Place(inverter.bus, inverter=inverter.name, admittance=complex(row["admittance"] * row["ratio"]))
+        row["port"] = ports.add(PORT_OF_INVERTER, i, place)
+    return started
+
+
+def _terminals(
+    row: Any, data: Inverter, voltage: complex, current: complex
+) -> tuple[dict[str, float], dict[str, float]]:
+    """What an inverter measures at its terminals, and what its source and angle must be; p.u. of its rating.
+
+    Writes the constants of its source into the row.
+    """
+    source = MODELS[data.model].source
+    if source is None:
+        raise InputError(f"inverters: {data.name}.model: {data.model} given, without a source; allowed: with one")
+    constants = [_constant(value, data) for value in source.constants]
+    row["source"] = CURRENT if source.kind == "current" else VOLTAGE
+    size, angle, emf = magnitude(voltage), phase(voltage), 0j
+    names = [source.real, source.imag]
+    if source.kind == "current":
+        for name, value in zip(("V_low", "V_reduced", "V_high", "I_least", "K_high"), constants, strict=True):
+            row[name] = value
+        turned = complex(times(current, rect(1.0, -angle)))
+        values = _before_reduction(row, data, turned, size)
+    else:
+        impedance = complex(constants[0], constants[1])
+        row["admittance"], row["I_max"] = over(1.0, impedance), constants[2]
+        emf = complex(voltage + times(impedance, current))
+        if magnitude(current) > row["I_max"] * (1.0 + 1e-9):
+            raise InputError(
+                f"inverters: {data.name}: {magnitude(current):.4g} p.u. of current at the start; "
+                f"allowed: at most {row['I_max']:g}"
+            )
+        angle = phase(emf) if source.forming else angle
+        turned = complex(times(emf, rect(1.0, -angle)))
+        values = [turned.real, turned.imag]
+    frame = rect(1.0, -angle)
+    v, i = (complex(phasor) for phasor in times([voltage, current], frame))
+    power = complex(times(voltage, current.conjugate()))
+    wanted = {name: value for name, value in zip(names, values, strict=True) if name != "none"}
+    if source.angle:
+        wanted[source.angle] = angle
+    sensed = {"Vt": size, "Pe": power.real, "Qe": power.imag, "Vd": v.real, "Vq": v.imag, "Id": i.real, "Iq": i.imag}
+    sensed |= {"E0": magnitude(emf), "theta": phase(voltage), "theta_bus": phase(voltage), "Vbus": size}
+    return sensed | {"Pbranch": power.real, "Qbranch": power.imag}, wanted
+
+
+def _constant(value: Any, data: Any) -> float:
+    if isinstance(value, str):
+        return float(getattr(data, value))
+    return float(value(data) if callable(value) else value)
+
+
+def _before_reduction(row: Any, data: Inverter, turned: complex, size: float) -> list[float]:
+    """Active current and that in quadrature before `inverter.reduced`."""
+    gain = 1.0
+    if size < row["V_reduced"]:
+        gain = max(0.0, (size - row["V_low"]) / (row["V_reduced"] - row["V_low"]))
+    if gain == 0.0 and turned.real != 0.0:
+        raise InputError(
+            f"inverters: {data.name}: {size:.4g} p.u. of voltage at the start, at which it gives no active current; "
+            f"allowed: above {row['V_low']:g}"
+        )
+    beyond = row["K_high"] * max(0.0, size - row["V_high"])
+    return [turned.real / gain if gain > 0.0 else 0.0, float(turned.imag - beyond)]
+
+
+def _at_plant(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str, network.Branch]) -> dict[str, float]:
+    """What a plant control measures, p.u. of the inverter's rating."""
+    bus = flow.by_bus[meter.bus]
+    seen = {"Vbus": magnitude(bus), "theta_bus": phase(bus)}
+    if not meter.branches:
+        return seen
+    power = complex(times(bus, _branch_current(row, meter, flow, branches).conjugate()))
+    return seen | {"Pbranch": power.real, "Qbranch": power.imag}
+
+
+def _branch_current(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str, network.Branch]) -> complex:
+    """Current out of the meter's bus into its branch, p.u. of the inverter's rating."""
+    branch = branches[meter.branches[0]]
+    end = 0 if branch.from_bus == meter.bus else 1
+    ends = flow.by_bus[branch.from_bus], flow.by_bus[branch.to_bus]
+    return complex(sum(times(branch.admittance[end], np.array(ends)))) / float(row["ratio"])
+
+
+def _compensated(row: Any, voltage: complex, sensed: dict[str, float]) -> float:
+    """|V - (Rc + j Xc) I| of the regulated bus and the monitored branch; of the terminals: the current out of them."""
+    if row["bus"] < 0:
+        return magnitude(voltage)
+    flowing = complex(sensed["Pbranch"], -sensed["Qbranch"]) / sensed["Vbus"]
+    return magnitude(sensed["Vbus"] - complex(times(row["compensation"], flowing)))
+
+
+def _uses(assembled: Control, name: str) -> bool:
+    """Whether any block has a signal as its input."""
+    at = [*KNOWN, *MEASURED].index(name)
+    return any(at in row["source"][: row["inputs"]] for row in assembled.rows)
+
+
+def _place(row: Any, assembled: Control, source: Source | None, first: int) -> None:
+    """Write where an inverter's rows stand, and which of its signals are its source."""
+    at = {name: n for n, name in enumerate([*KNOWN, *MEASURED, *assembled.gives])}
+    row["first"], row["known"], row["end"] = first, first + assembled.first, first + len(assembled.rows)
+    if source is not None:
+        row["real"], row["imag"] = at[source.real], at[source.imag]
+        row["angle"], row["forming"] = at[source.angle] if source.angle else -1, source.forming
+
+
+def _moved(assembled: Control, offset: int) -> NDArray[Any]:
+    """The rows with their states from an offset on."""
+    rows: NDArray[Any] = assembled.rows.copy()
+    rows["state"][rows["state"] >= 0] += offset
+    return rows
+
+
+def input_signal(row: Any, blocks: NDArray[Any], device: Any) -> int:
+    """The signal that a device's setpoint is added to. Raises `InputError` if the inverter's controls do not use it."""
+    at = {name: KNOWN.index(name) for name in SETPOINTS}
+    used = {int(n) for block in blocks[row["first"] : row["end"]] for n in block["source"][: block["inputs"]]}
+    if at[device.input] not in used:
+        allowed = ", ".join(name for name, n in at.items() if n in used) or "none"
+        raise InputError(
+            f"devices: {device.name}.input: {device.input} given, which the controls of {device.inverter} do not use; "
+            f"allowed: {allowed}"
+        )
+    return at[device.input]
