@@ -22,7 +22,7 @@ EFFECT = "the limit acts later than in the case"
 
 
 def control_key(row: Mapping[str, Any]) -> str:
-    """What a row is known by in its table: its name, its machine, or its inverter and model, of which there are several."""
+    """What a row is known by in its table: its name, its machine, or its inverter and model."""
     if "inverter" in row:
         return f"{row['inverter']} {row['model']}"
     return str(row.get("name", row.get("machine")))

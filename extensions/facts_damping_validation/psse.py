@@ -125,14 +125,28 @@ def _parts(row: dict[str, Any], apart: bool) -> list[dict[str, Any]]:
 
 
 def _pmus(case: Case, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """A PMU for each element that one measures; one at all events, as a system needs it."""
+    """A PMU for each element that one measures; one at all events, as a system needs it.
+
+    An inverter's power is that in the branches of its bus.
+    """
     pmus: dict[str, dict[str, Any]] = {}
+    inverters = {row["name"]: row["bus"] for row in content.get("inverters", ())}
+    machines = {row["name"] for row in content.get("machines", ())}
     for column in case.columns:
         bus, _, branch = column.element.partition("-")
-        at = {"bus": bus, "branches": [branch]} if branch else {"bus": bus}
-        machine = any(row["name"] == column.element for row in content.get("machines", ()))
-        pmus[column.element] = {"name": column.element} | ({"machine": bus} if machine else at)
+        at: dict[str, Any] = {"bus": inverters.get(bus, bus)}
+        if bus in inverters:
+            at["branches"] = [
+                row["name"] for row in (*content["lines"], *content.get("transformers", ())) if at["bus"] in _ends(row)
+            ]
+        elif branch:
+            at["branches"] = [branch]
+        pmus[column.element] = {"name": column.element} | ({"machine": bus} if bus in machines else at)
     return pmus
+
+
+def _ends(branch: dict[str, Any]) -> tuple[str, str]:
+    return branch["from"], branch["to"]
 
 
 def trace(case: Case) -> NDArray[np.float64]:

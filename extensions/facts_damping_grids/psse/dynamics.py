@@ -53,7 +53,13 @@ def typical_dynamics(listed: Sequence[Unit]) -> Dynamics:
 
 
 def dynamics_of(
-    case: RawCase, grid: Network, listed: Sequence[Unit], dyr: Dyr, file: str, notes: list[str | Note], problems: Problems
+    case: RawCase,
+    grid: Network,
+    listed: Sequence[Unit],
+    dyr: Dyr,
+    file: str,
+    notes: list[str | Note],
+    problems: Problems,
 ) -> Dynamics:
     """What the records of a DYR file make of the units; `file`: its name."""
     tables: dict[str, list[Row]] = {table: [] for table in TABLES.values() if table != "inverters"}

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.machine_controls.block_models import MODELS
 from facts_damping.output.tables import some_of
 from facts_damping.plant.inverters.inverter import KNOWN, MEASURED
+from facts_damping.plant.machines.block_controls import USUAL
 from facts_damping_grids.psse.controls import adapted, constants_of, lack, role_of
 from facts_damping_grids.psse.effects import SOURCE, effect_of, of_record
 from facts_damping_grids.psse.network import branch_between
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from facts_damping_grids.psse.records import Row
 
 PLACES = ("BUSR", "BUSF", "BUST", "CKT")  # fields that say where a plant control measures
-SIGNALS = {*KNOWN, *MEASURED, "Pref", "none"}
+SIGNALS = {*KNOWN, *MEASURED, *USUAL}
 _SIGNAL = re.compile(r"([A-Za-z_]\w*)\b(?!\s*\*)")  # not a factor
 ELSEWHERE = "it regulates the voltage at the bus of its branch, not at BUSR"
 
@@ -49,12 +50,13 @@ def inverter_of(
     problems: Problems,
 ) -> Inverter | None:
     """The rows of an inverter, whose model is `record`; None where a constant current stands for it."""
-    rows = dict[Dynamic, Row]()
+    rows: dict[Dynamic, Row] = {}
     for each in [record, *others]:
         with problems.collected():
             if reason := _left_out(_with_source(each, unit)):
                 if each is record:
-                    return _as_current(record, others, unit, file, reason, notes)
+                    notes += _as_current(record, others, unit, file, reason)
+                    return None
                 notes.append(of_record(each, unit.name, file, f"{reason}: left out", "left out", effect_of(each.model)))
             else:
                 rows[each] = {"model": each.model, **constants_of(_with_source(each, unit), file)}
@@ -64,7 +66,8 @@ def inverter_of(
     for each, missing in _without_effect(rows):
         reason = f"needs {some_of(missing)}, which no control that is modelled gives"
         if each is record:
-            return _as_current(record, others, unit, file, reason, notes)
+            notes += _as_current(record, others, unit, file, reason)
+            return None
         notes.append(of_record(each, unit.name, file, f"{reason}: left out", "left out", effect_of(each.model)))
         del rows[each]
     for each, row in rows.items():
@@ -78,7 +81,7 @@ def inverter_of(
 def _with_source(record: Dynamic, unit: Unit) -> Dynamic:
     """A record with the impedance ZSORCE of its generator, if its model has that behind the record's constants."""
     fields = MODELS[record.model].fields.split() if record.model in MODELS else []
-    if "XE" in fields and len(record.values) == fields.index("XE") - 1:
+    if "Xe" in fields and len(record.values) == fields.index("Xe") - 1:
         return record._replace(values=(*record.values, unit.row["ZR"], unit.row["ZX"]))
     return record
 
@@ -90,18 +93,16 @@ def _left_out(record: Dynamic) -> str:
     return lack(record)
 
 
-def _as_current(
-    record: Dynamic, others: Iterable[Dynamic], unit: Unit, file: str, reason: str, notes: list[str | Note]
-) -> None:
-    """Add the notes on an inverter for which a constant current stands, as its converter `reason`."""
+def _as_current(record: Dynamic, others: Iterable[Dynamic], unit: Unit, file: str, reason: str) -> list[Note]:
+    """Notes on an inverter for which a constant current stands, as its converter `reason`."""
     text = "a constant current stands for the inverter"
-    notes.append(of_record(record, unit.name, file, f"{reason}: {text}", "replaced", SOURCE))
-    notes += [of_record(other, unit.name, file, text, "replaced", SOURCE) for other in others]
+    texts = {record: f"{reason}: {text}"} | dict.fromkeys(others, text)
+    return [of_record(each, unit.name, file, said, "replaced", SOURCE) for each, said in texts.items()]
 
 
 def _check_sorts(rows: dict[Dynamic, Row], unit: Unit, file: str, problems: Problems) -> None:
     """Problems: two controls of a sort, which give the same signals."""
-    given = dict[str, Dynamic]()
+    given: dict[str, Dynamic] = {}
     for record, row in rows.items():
         first = next((given[name] for name in _gives(row) if name in given), None)
         if first is not None:
@@ -112,12 +113,12 @@ def _check_sorts(rows: dict[Dynamic, Row], unit: Unit, file: str, problems: Prob
 
 def _blocks(row: Row) -> list[tuple[str, set[str]]]:
     """Of the blocks that a row's constants ask for: the signal that each gives, and those that it uses."""
-    data, found = SimpleNamespace(**row), list[tuple[str, set[str]]]()
+    data, blocks = SimpleNamespace(**row), list[tuple[str, set[str]]]()
     for block in MODELS[row["model"]].blocks:
         if block.when is None or block.when(data):
             used = {*_SIGNAL.findall(block.inputs), block.low_of, block.high_of, block.hold}
-            found.append((block.name, used))
-    return found
+            blocks.append((block.name, used))
+    return blocks
 
 
 def _gives(row: Row) -> set[str]:
@@ -126,7 +127,7 @@ def _gives(row: Row) -> set[str]:
 
 def _without_effect(rows: dict[Dynamic, Row]) -> list[tuple[Dynamic, list[str]]]:
     """Records that need a signal that none of the others gives, with such signals, one after the other."""
-    left, without = dict(rows), list[tuple[Dynamic, list[str]]]()
+    left, without = dict(rows), []
     while True:
         given = SIGNALS.union(*(_gives(row) for row in left.values()))
         for record, row in left.items():

@@ -1,8 +1,8 @@
 """Units of a case as rows of a system, at their place in the solved power flow.
 
-A machine or an inverter stands at its bus, or behind its step-up transformer. An infinite source is an infinite bus behind its
-impedance ZSORCE: a transformer, as no line of the grid is there, at which a device could be placed. A constant current
-is a load of negative power. A device gives its reactive power at the start.
+A machine or an inverter stands at its bus, or behind its step-up transformer. An infinite source is an infinite bus
+behind its impedance ZSORCE: a transformer, as no line of the grid is there, at which a device could be placed. A
+constant current is a load of negative power. A device gives its reactive power at the start.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 LEAST_REACTANCE = 1e-6  # p.u. of the rating, of an infinite source without one
 CURRENT = {"current": 1}
 NOTHING = 1e-6  # MW
+DIGITS = 9  # of a power in MW behind the point, which a power flow leaves
 
 
 class Placed(NamedTuple):
@@ -106,7 +107,7 @@ def _inverter(place: _Place, dynamics: Dynamics, case: RawCase, *, is_slack: boo
     """An inverter, which gives its power in the power flow or, as the slack, holds its voltage there."""
     unit, terminal = place.unit, place.terminal
     power = terminal.power * case.base_power
-    start: Row = {"P": power.real, "Q": power.imag}
+    start: Row = {"P": round(power.real, DIGITS), "Q": round(power.imag, DIGITS)}
     if is_slack:
         start = {"V": abs(terminal.voltage), "slack": True, "angle": terminal.angle}
     fields = dynamics.inverters[unit.name]

@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 THRESHOLD = 1e-4  # p.u., reactance up to which a branch without resistance is a zero-impedance line (THRSHZ)
 MULTIPLE = {"transformer": TRANSFORMER, "two-terminal dc": DC_LINE}  # sections whose records have several lines
+# Other names of models.
+SYNONYMS = {"REGFM_A1": "REGFMA1", "REGFM_B1": "REGFMB1", "REGFMB1U": "REGFMB1", "DERAU1": "DERA1", "WTGA1": "WTARA1"}
 CIRCUIT = 3  # place of a circuit among the constants of a plant control
 # The version in a comment, as programs write it: `PSS/E-33.2`, `PSS(R)E 33 RAW`, `PSS(R)E 15-23 RAW`.
 _WRITTEN_BY = re.compile(r"PSS\W{0,5}(?:R\W{0,3})?E\W{0,3}(?:15-)?(\d\d)\b")
@@ -283,7 +285,7 @@ def _dynamic(words: list[str], line: int) -> Dynamic | None:
         return None
     if model == "USRMDL" and constants and math.isnan(number(constants[0])):
         model, constants = constants[0].strip("'\" ").upper(), constants[7:]  # behind six counts
-    circuit = ""
+    model, circuit = SYNONYMS.get(model, model), ""
     if model.startswith("REPC") and len(constants) > CIRCUIT:
         circuit = constants[CIRCUIT].strip("'\" ")
         constants = [*constants[:CIRCUIT], "0", *constants[CIRCUIT + 1 :]]

@@ -16,7 +16,7 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.machine_controls.blocks import Block, Model, Source
+from facts_damping.machine_controls.blocks import SHORTEST, Block, Model, Source
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,13 +49,18 @@ ROW = Model(
         Block("Iq_wanted", "quotient", "Q_order + V_divisor"),
         Block("Iq_order", "lag", "Iq_wanted", (1.0, "Tiq")),
         Block("angle_seen", "angle_lag", "theta", (T_FREQUENCY,), when=WITH_FREQUENCY),
-        Block("turning", "rate", "angle_seen", (1.0, "Trf"), when=WITH_FREQUENCY),
+        Block("turning", "rate", "angle_seen", (1.0, lambda f: max(f.Trf, SHORTEST)), when=WITH_FREQUENCY),
         Block("frequency", "quotient", "turning + omega_0", when=WITH_FREQUENCY),
         Block("f_beyond", "dead_band", "- frequency", ("fdbd1", "fdbd2"), when=WITH_FREQUENCY),
         Block("droop_down", "limiter", "Ddn * f_beyond", (), None, 0.0, when=WITH_FREQUENCY),
         Block("droop_up", "limiter", "Dup * f_beyond", (), 0.0, when=WITH_FREQUENCY),
         Block(
-            *("P_error", "limiter", "Pref + Paux + droop_down + droop_up - P_seen", (), "femin", "femax"),
+            "P_error",
+            "limiter",
+            "Pref + Paux + droop_down + droop_up - P_seen",
+            (),
+            "femin",
+            "femax",
             when=WITH_FREQUENCY,
         ),
         Block("P_wanted", "regulator", "P_error", ("Kpg", "Kig"), "Pmin", "Pmax", when=WITH_FREQUENCY),
@@ -67,12 +72,11 @@ ROW = Model(
         Block("Ipmax", "room", "Iqcmd", ("Imax",), when=Q_FIRST),
         Block("Ipmax", "sum", "Imax * one", when=P_FIRST),
         Block("Iqcmd", "sum", "Iq_order + Iqv", (), -1.0, 1.0, "Iqmax", "Iqmax"),
+        Block("Ipcmd", "sum", "Ip_order", (), lambda f: f.GenFlag - 1.0, 1.0, "Ipmax", "Ipmax"),
         Block(
-            *("Ipcmd", "sum", "Ip_order", (), lambda f: 0.0 if f.GenFlag == 1.0 else -1.0, 1.0),
-            *("Ipmax", "Ipmax"),
-        ),
-        Block(
-            *("Ip", "servo", "Ipcmd"),
+            "Ip",
+            "servo",
+            "Ipcmd",
             ("Tg", lambda f: -inf if f.P >= 0.0 else -f.rrpwr, lambda f: f.rrpwr if f.P >= 0.0 else inf),
         ),
         Block("Iq", "lag", "- Iqcmd", (1.0, "Tg")),

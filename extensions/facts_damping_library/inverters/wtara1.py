@@ -1,4 +1,4 @@
-"""WTARA1, also known as WTGAR_A.
+"""WTARA1: the aerodynamics of a wind turbine, WECC's WTGAR_A.
 
 Pm = Pm0 - Ka theta (theta - Theta0), with the pitch theta and the power Pm0 of the start, where theta is Theta0
 (deg). Without a pitch control theta stays. Sources: PSS/E Model Library; WECC, Second Generation Wind Turbine Models,

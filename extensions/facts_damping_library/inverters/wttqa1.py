@@ -1,4 +1,4 @@
-"""WTTQA1, also known as WTGTRQ_A.
+"""WTTQA1: the torque control of a wind turbine, WECC's WTGTRQ_A.
 
 Its speed reference follows the power on the line through (p1, spd1) to (p4, spd4), and stays beyond its ends. A
 regulator of the torque sees the deviation of the generator's speed from it (Tflag 0), or the lack of power over the
@@ -22,10 +22,10 @@ ROW = Model(
         Block("speed_wanted", "limiter", "speed_of_power", (), "spd1", "spd4"),
         Block("speed_reference", "lag", "speed_wanted", (1.0, "Twref")),
         Block("lack", "sum", "Pext - power_seen", when=lambda f: f.Tflag == 1),
-        Block("torque_error", "quotient", "lack + speed", when=lambda f: f.Tflag == 1),
-        Block("torque_error", "sum", "speed - speed_reference", when=lambda f: f.Tflag != 1),
+        Block("torque_error", "quotient", "lack + speed_generator", when=lambda f: f.Tflag == 1),
+        Block("torque_error", "sum", "speed_generator - speed_reference", when=lambda f: f.Tflag != 1),
         Block("torque_order", "regulator", "torque_error", ("Kpp", "KIP"), "Temin", "Temax", hold="dip"),
-        Block("Pref", "product", "torque_order + speed"),
+        Block("Pref", "product", "torque_order + speed_generator"),
     ),
     "TRATE",
     optional="TRATE",
