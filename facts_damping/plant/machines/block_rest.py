@@ -45,7 +45,7 @@ class LimitViolation(NamedTuple):
     def __str__(self) -> str:
         """Text for an error message."""
         where = f"{self.table}: {owner(self.control)}: {self.control.model}: {self.name}"
-        limits = f"{self.low:.4g} to {self.high:.4g}"
+        limits = f"{self.low:.4g} to {self.high:.4g}{f' ({self.field})' if self.field else ''}"
         return f"{where} is {self.value:.4g} p.u. at the start; allowed by its limits: {limits}"
 
 
