@@ -563,7 +563,7 @@ def test_invalid_data_of_a_control_model_are_refused() -> None:
     _, rest = at_rest(control_of("IEEEX1", VRMAX=1.0))
     (violation,) = rest.violations
     assert str(violation).startswith("exciters: G1: IEEEX1: VR is ")
-    assert str(violation).endswith(" p.u. at the start; allowed by its limits: -10 to 1")
+    assert str(violation).endswith(" p.u. at the start; allowed by its limits: -10 to 1 (VRMAX)")
     assert (violation.field, violation.wanted) == ("VRMAX", violation.value)
 
 
