@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.input_files import read_text, share_folder
-from facts_damping_validation import devices, minniwecc, pmus, psse, small_signal, start, time_domain
+from facts_damping_validation import devices, inverters, minniwecc, pmus, psse, small_signal, start, time_domain
 from facts_damping_validation.table import summary
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "actuators": devices.actuators,
     "time-domain": time_domain.andes,
     "disturbances-minniwecc": minniwecc.disturbances,
+    "inverters": inverters.andes,
     "psse": psse.traces,
     "psse-steps": psse.traces_in_steps,
     "psse-files": psse.accepted,

@@ -89,6 +89,7 @@ def at_rest(
     freed = free["kind"] != kernel.LIMITER
     free["low"][freed], free["high"][freed] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["low_of"][freed] = free["high_of"][freed] = kernel.ONE
+    free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["hold"] = kernel.NONE
     outputs = [at + block_control.gives.index(name) for name in gives]
     places, n = [names.index(name) for name in references], len(block_control.states)
