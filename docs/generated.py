@@ -40,7 +40,7 @@ from facts_damping.parameters.supervision import Supervision
 from facts_damping_library.page import page
 from facts_damping_streams.parameters import Streams
 from facts_damping_studies.campaigns.parameters import Campaign
-from facts_damping_studies.parameters import Study
+from facts_damping_studies.parameters import Study, Target
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -65,6 +65,7 @@ FILES: dict[str, type[ParameterModel]] = {
     "Linear law": LinearLaw,
 }
 FAMILIES: dict[type[ParameterModel], str] = {  # whose fields are told once for all their kinds
+    Target: "Target",
     StageModel: "Stage",
     Disturbance: "Disturbance",
     DeviceModel: "Device",
@@ -81,10 +82,10 @@ LIBRARY = "../extensions/facts_damping_library/README.md"
 CONTROLS = "Block controls"
 COMMANDS = """# Commands
 
-All commands of the program `facts-damping` and their options. After `make demo` it is in `.venv/bin`; activate the
-environment first with `. .venv/bin/activate`. `python -m facts_damping` is the same program, and so is
-`ros2 run facts_damping facts-damping` in a colcon workspace. `bench` and `reproduce` come with a checkout. What the
-commands write is explained in [running](running.md).
+All commands of the program `facts-damping` and their options; `facts-damping --help` lists them in brief. After
+`make demo` it is in `.venv/bin`; activate the environment first with `. .venv/bin/activate`. `python -m facts_damping`
+is the same program, and so is `ros2 run facts_damping facts-damping` in a colcon workspace. `bench` and `reproduce`
+come with a checkout. [Running](running.md) explains what the commands write.
 
 Shells complete commands, options and names after `eval "$(register-python-argcomplete facts-damping)"`.
 """
@@ -96,11 +97,11 @@ Every field of the YAML files, with its type (for numbers the unit), default and
 how files are named and found, and how `--set` changes a field. A file with an unknown field or a value out of range is
 refused with one line that names the field and what is allowed.
 
-Any file may begin with `extends: NAME`, another file in its folder: it then has that file's fields, apart from those it
-gives itself.
+The `description` of a file is a text that `facts-damping list` shows, and of a system `modes`, too. Any file may begin
+with `extends: NAME`, another file in its folder: it then has that file's fields, apart from those it gives itself.
 """
 BOUNDS = {"gt": "> {:.10g}", "ge": "≥ {:.10g}", "lt": "< {:.10g}", "le": "≤ {:.10g}"}
-WORDS = {str: "text", int: "integer", float: "number", bool: "`true` or `false`", type(None): "none", Any: "any"}
+WORDS = {str: "text", int: "integer", float: "number", bool: "boolean", type(None): "none", Any: "any"}
 
 
 @event_priority(50)  # before the plugin redirects
@@ -133,10 +134,6 @@ def commands() -> str:
     (verbs,) = (action.choices for action in top._actions if isinstance(action, argparse._SubParsersAction))  # noqa: SLF001
     lines = [
         COMMANDS,
-        "| command | does |",
-        "|---|---|",
-        *(f"| [`{name}`](#{name}) | {verb.description} |" for name, verb in verbs.items()),
-        "",
     ]
     options = {name: list(_options(verb)) for name, verb in verbs.items()}
     many = Counter(row for rows in options.values() for row in rows)
@@ -147,7 +144,7 @@ def commands() -> str:
         lines += [f"## {name}", "", verb.description or "", "", "```text", usage, "```", ""]
         lines += _argument_table([row for row in options[name] if row not in common])
         if verb.epilog:
-            lines += ["Examples:", "", *(f"    {line.strip()}" for line in verb.epilog.splitlines()[1:]), ""]
+            lines += [*(f"    {line.strip()}" for line in verb.epilog.splitlines()[1:]), ""]
     return "\n".join(lines)
 
 
@@ -157,7 +154,7 @@ def _argument_table(rows: list[str]) -> list[str]:
 
 def _options(command: argparse.ArgumentParser) -> Iterator[str]:
     for action in command._actions:  # noqa: SLF001
-        if action.dest != "help":
+        if action.dest != "help" and action.help:  # what the usage says needs no row
             names = ", ".join(f"`{name}`" for name in action.option_strings)
             value = str(action.metavar or "") or (
                 "" if action.choices is None else " or ".join(map(str, action.choices))
@@ -201,11 +198,12 @@ PARAMETERS = {"Lead-lag": "LLC", "LQG": "LQG", "H-infinity": "Hinf", "Neuro-fuzz
 def _parameters() -> Iterator[str]:
     """What `parameters` of a controller may be, from the table of controllers."""
     yield "## Parameters of controllers\n"
-    yield "What `parameters` of a [controller](#controller) takes. *live*: may be changed while a node runs.\n"
+    yield "What `parameters` of a [controller](#controller) takes. *live*: may be changed while a node runs."
+    yield "*list by*: a list may have one value for each.\n"
     for title, name in PARAMETERS.items():
         yield f"### {title} parameters\n"
-        yield "| parameter | unit | default | range | live | meaning |"
-        yield "|---|---|---|---|---|---|"
+        yield "| parameter | unit | default | range | live | list by | meaning |"
+        yield "|---|---|---|---|---|---|---|"
         for key, parameter in CONTROLLERS[name].parameters.items():
             default = (
                 f"{parameter.default} (`thesis`), {parameter.deployed} (`deployed`)"
@@ -213,14 +211,14 @@ def _parameters() -> Iterator[str]:
                 else parameter.default
             )
             span = ", ".join(parameter.choices) or f"{parameter.low:g} to {parameter.high:g}"
-            each = f"; a list may have one for each {parameter.each}" if parameter.each else ""
             cells = (
                 f"`{key}`",
                 parameter.unit,
                 str(default),
                 span,
-                "yes" if parameter.live else "no",
-                parameter.description + each,
+                "yes" if parameter.live else "",
+                parameter.each or "",
+                parameter.description,
             )
             yield f"| {' | '.join(map(_cell, cells))} |"
         yield ""
@@ -228,7 +226,19 @@ def _parameters() -> Iterator[str]:
 
 def _sentences(model: type[ParameterModel]) -> str:
     links = " and ".join(f"[{FAMILIES[base]}](#{FAMILIES[base].lower()})" for base in _families(model))
-    return inspect.cleandoc(model.__doc__ or "") + (f"\n\nIt also has the fields of {links}." if links else "")
+    kind = [f"`{name}: {value}`" for name, value in _constants(model).items()]
+    sentence = ", ".join([*kind, f"with the fields of {links}"] if links else kind)
+    return inspect.cleandoc(model.__doc__ or "") + (f"\n\n{sentence[0].upper()}{sentence[1:]}." if sentence else "")
+
+
+def _constants(model: type[ParameterModel]) -> dict[str, Any]:
+    """Fields that have one value only, which says of what kind a row is."""
+    literals = {
+        name: get_args(field.annotation)
+        for name, field in model.model_fields.items()
+        if get_origin(field.annotation) is Literal and ";" not in (field.description or "")
+    }
+    return {name: values[0] for name, values in literals.items() if len(values) == 1}
 
 
 def _families(model: type[ParameterModel]) -> list[type[ParameterModel]]:
@@ -242,12 +252,15 @@ def _told(model: type[ParameterModel], name: str) -> bool:
     return owner in _families(model)
 
 
-def _table(model: type[ParameterModel]) -> Iterator[str]:
-    yield "| field | type or unit | default | range | meaning |"
-    yield "|---|---|---|---|---|"
+def _table(model: type[ParameterModel]) -> list[str]:
+    rows = list(_rows(model))
+    return ["| field | type or unit | default | range | meaning |", "|---|---|---|---|---|", *rows] if rows else []
+
+
+def _rows(model: type[ParameterModel]) -> Iterator[str]:
     for name, field in model.model_fields.items():
-        # `asked` is in stored runs alone; what has no meaning yet is told with each kind.
-        if name == "asked" or not field.description or _told(model, name):
+        # `asked` is in stored runs alone; what has no meaning yet is told with each kind; the rest is told above.
+        if name in ("asked", "description") or not field.description or _told(model, name) or name in _constants(model):
             continue
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         limits = [
@@ -299,10 +312,11 @@ def _kind(annotation: Any) -> str:
         return _kind(inside[0])
     if origin is Literal:
         return ", ".join(f"`{value}`" for value in inside)
-    family = next((base for base in FAMILIES if inside and all(_is_kind(part, base) for part in inside)), None)
+    union = origin in (Union, types.UnionType)
+    family = next((base for base in FAMILIES if union and all(_is_kind(part, base) for part in inside)), None)
     if family is not None:
         return f"[{FAMILIES[family]}](#{FAMILIES[family].lower()})"
-    if origin in (Union, types.UnionType):
+    if union:
         return " or ".join(dict.fromkeys(map(_kind, inside)))
     if origin is list:
         return "list" if inside[0] is Any else f"list of {_kind(inside[0])}"

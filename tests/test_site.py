@@ -137,7 +137,7 @@ def test_commands_and_options_that_a_page_names_exist(page: Path) -> None:
 @cache
 def fields() -> set[str]:
     """All names of fields of files."""
-    return {"extends", *re.findall(r"^\| `([\w-]+)`", GENERATED["fields"](), re.MULTILINE)}
+    return {"extends", "description", *re.findall(r"^\| `([\w-]+)`", GENERATED["fields"](), re.MULTILINE)}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

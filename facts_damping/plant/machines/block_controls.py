@@ -84,6 +84,11 @@ def control(*models: Any, signals: Signals = MACHINE) -> Control:
     rest = [block for block in blocks if block not in first]
     known = {*signals.known, *signals.measured}.difference(named).union(block.name for block in first)
     later = _in_order(rest, known)
+    needed = {name for b in blocks for name in (b.low_of, b.high_of, b.hold, *(name for name, _ in b.inputs))}
+    if missing := sorted(needed - known - set(named)):
+        models_of = [name for name, row in MODELS.items() if any(block.name in missing for block in row.blocks)]
+        text = f"no {', '.join(missing)} given; allowed: with one of {', '.join(models_of)}"
+        raise InputError(f"{label}: {text}")
     if left := [block.name for block in rest if block not in later]:
         text = f"an algebraic loop: {', '.join(left)}; allowed: a time constant above 0"
         raise InputError(f"{label}: {text}")
@@ -191,8 +196,8 @@ def _plain(block: Block, data: Any) -> _Plain:
         kind, p, states = "pi", (c[0], c[1]), 1
     elif kind == "dead_band":
         p = (min(c[0], 0.0), max(c[1], 0.0))
-    elif kind == "room":
-        p = (c[0],)
+    elif kind in ("room", "stop"):
+        p, states = (c[0],), int(kind == "stop")
     elif kind == "after":
         p, states = (c[0], SHORTEST), int(c[0] > 0.0)
     elif kind == "angle_lag":

@@ -45,7 +45,7 @@ class LimitViolation(NamedTuple):
     def __str__(self) -> str:
         """Text for an error message."""
         where = f"{self.table}: {owner(self.control)}: {self.control.model}: {self.name}"
-        limits = f"{self.low:.4g} to {self.high:.4g}"
+        limits = f"{self.low:.4g} to {self.high:.4g}{f' ({self.field})' if self.field else ''}"
         return f"{where} is {self.value:.4g} p.u. at the start; allowed by its limits: {limits}"
 
 
@@ -78,19 +78,22 @@ def at_rest(
 ) -> Rest:
     """States and values of the signals `references` for which outputs are as `gives` at steady state.
 
-    It is solved by Newton's method without limits; what these do not determine is as near to the start of the search as
-    can be. Raises `InputError` if there is no steady state.
+    It is solved by Newton's method without limits, but for stops, which rest at 0; what these do not determine is as
+    near to the start of the search as can be. Raises `InputError` if there is no steady state.
     """
     names = [*signals.known, *signals.measured]
     s, at = np.zeros(len(names) + len(block_control.rows)), len(names)
     for name, value in {"one": 1.0, **sensed}.items():
         s[names.index(name)] = value
     free = block_control.rows.copy()
-    freed = free["kind"] != kernel.LIMITER
+    stops = free["kind"] == kernel.STOP
+    freed = (free["kind"] != kernel.LIMITER) & ~stops
     free["low"][freed], free["high"][freed] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["low_of"][freed] = free["high_of"][freed] = kernel.ONE
     free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["hold"] = kernel.NONE
+    free["p"][stops, 0] = 0.0
+    free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     outputs = [at + block_control.gives.index(name) for name in gives]
     places, n = [names.index(name) for name in references], len(block_control.states)
 
@@ -105,7 +108,9 @@ def at_rest(
     starts = [active[name].start if name in active else None for name in block_control.states] + [None] * len(places)
     weights = np.array([1.0 if start is None else FIRM for start in starts])
     for scale in STARTS:
-        z = _zero(moves, np.array([scale * usual if start is None else start for start in starts]), weights)
+        begin = np.array([scale * usual if start is None else start for start in starts])
+        begin[free["state"][stops]] = 0.0
+        z = _zero(moves, begin, weights)
         if z is not None:
             break
     else:
