@@ -18,7 +18,7 @@ ROW = Model(
     (
         Block("excess", "sum", "Pord - Pext"),
         Block("overspeed", "sum", "speed_turbine - speed_reference + Kcc * excess"),
-        # What the speed adds to the pitch of the start has what its limits leave of it.
+        # From the start, where the pitch is that of the aerodynamics, to its limits.
         Block("pitch_above", "sum", "TetaMax * one - pitch_start"),
         Block("pitch_below", "sum", "TetaMin * one - pitch_start"),
         Block(
@@ -34,12 +34,16 @@ ROW = Model(
         ),
         Block("pitch_of_power", "pi", "excess", ("Kpc", "Kic"), "TetaMin", "TetaMax", start=0.0),
         Block(
-            "pitch",
+            "pitch_moved",
             "servo",
-            "pitch_start + pitch_of_speed + pitch_of_power",
+            "pitch_of_speed + pitch_of_power",
             ("Tp", "RTetaMin", "RTetaMax"),
-            "TetaMin",
-            "TetaMax",
+            1.0,
+            1.0,
+            "pitch_below",
+            "pitch_above",
+            start=0.0,
         ),
+        Block("pitch", "sum", "pitch_start + pitch_moved"),
     ),
 )

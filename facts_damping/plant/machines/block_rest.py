@@ -90,6 +90,7 @@ def at_rest(
     freed = (free["kind"] != kernel.LIMITER) & ~stops
     free["low"][freed], free["high"][freed] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["low_of"][freed] = free["high_of"][freed] = kernel.ONE
+    free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["hold"] = kernel.NONE
     free["p"][stops, 0] = 0.0
     free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
