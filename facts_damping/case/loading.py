@@ -167,10 +167,9 @@ def _dispatched(system: System, scenario: Scenario, where: str) -> System:
     for name in scenario.dispatch:
         check_known(f"{where}: dispatch", name, scheduled)
     P = scenario.dispatch
-    tables: dict[str, list[Any]] = {"machines": system.machines, "inverters": system.inverters}
-    return system.model_copy(
-        update={
-            name: [unit.model_copy(update={"P": P[unit.name]}) if unit.name in P else unit for unit in units]
-            for name, units in tables.items()
-        }
-    )
+    tables: dict[str, list[Any]] = {"machines": list(system.machines), "inverters": system.inverters}
+    dispatched = {
+        name: [unit.model_copy(update={"P": P[unit.name]}) if unit.name in P else unit for unit in units]
+        for name, units in tables.items()
+    }
+    return system.model_copy(update=dispatched)
