@@ -174,8 +174,12 @@ def _model(model: System, system: System) -> System:
 
 
 def _dispatched(content: dict[str, Any], scenario: Scenario, where: str) -> dict[str, Any]:
-    """A system's content with a scenario's powers of its machines, of which inverters may then have shares."""
-    rows, dispatch = content.get("machines", []), scenario.dispatch
+    """A system's content with a scenario's powers of machines and inverters; of machines shares may be replaced then."""
+    dispatch = scenario.dispatch
+    tables = {name: content.get(name, []) for name in ("machines", "inverters")}
+    scheduled = [row["name"] for rows in tables.values() for row in rows if not row.get("slack")]
     for name in dispatch:
-        check_known(f"{where}: dispatch", name, [row["name"] for row in rows if not row.get("slack")])
-    return {**content, "machines": [{**row, "P": dispatch.get(row["name"], row.get("P"))} for row in rows]}
+        check_known(f"{where}: dispatch", name, scheduled)
+    rows_of = {name: [{**row, "P": dispatch.get(row["name"], row.get("P"))} for row in rows]
+               for name, rows in tables.items()}  # fmt: skip
+    return {**content, **rows_of}

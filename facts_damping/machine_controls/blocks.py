@@ -39,6 +39,7 @@ class Block(NamedTuple):
     high_of: str = "one"
     hold: str = "none"  # the signal that holds its states while it is 1
     when: Callable[[Any], bool] | None = None  # whether fields ask for it; blocks of one name are alternatives
+    start: float | None = None  # of its state, where no equation of the start says otherwise
 
 
 class Source(NamedTuple):
@@ -55,6 +56,7 @@ class Source(NamedTuple):
     constants: tuple[Constant, ...]
     angle: str = ""  # the signal that is its angle, rad; none: that of the terminal's voltage
     forming: bool = False  # whether its angle is that of the EMF, and not that of the voltage
+    virtual: bool = False  # whether it forms a grid as a virtual machine, though its angle is that of a PLL
 
 
 class Model(NamedTuple):

@@ -23,8 +23,8 @@ class InverterShare(ParameterModel):
 
     Each machine keeps the rest of its rating and powers, with its data; an inverter at its bus, called `name`_MACHINE,
     has the share, and holds the same voltage. So the flows stay. A machine that is replaced as a whole goes with its
-    controls; its PMUs then stand at the inverter, and the inverter of the slack is the slack. With a share of 0,
-    devices and PMUs at the inverters go.
+    controls; its PMUs then stand at the inverter, with frequencies for speeds, and the inverter of the slack is the
+    slack. With a share of 0, devices and PMUs at the inverters go.
     """
 
     name: Name = Field("IBR", description="first part of the inverters' names")

@@ -62,8 +62,9 @@ def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Po
             n, meter = plant_meters[inverter.name]
             row["bus"], row["branch"] = n, n if meter.branches else -1
             sensed |= _at_plant(row, meter, flow, branches)
-        row["compensation"] = sum(complex(getattr(c, "Rc", 0), getattr(c, "Xc", 0)) for c in controls if c.bus)
-        sensed["Vcomp"] = _compensated(row, voltage, sensed)
+        plants = [c for c in controls if hasattr(c, "VCFlag")]
+        row["compensation"] = sum(complex(getattr(c, "Rc", 0), getattr(c, "Xc", 0)) for c in plants)
+        sensed["Vcomp"] = _compensated(row, sensed)
         sensed |= {f"{name}0": sensed[name] for name in ("Vt", "Pe", "Qe", "Vbus", "Vcomp", "Pbranch", "Qbranch")}
         assembled = control(data, *controls, signals=SIGNALS)
         references = [name for name in REFERENCES if name not in assembled.gives and _uses(assembled, name)]
@@ -159,10 +160,8 @@ def _branch_current(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str,
     return complex(sum(times(branch.admittance[end], np.array(ends)))) / float(row["ratio"])
 
 
-def _compensated(row: Any, voltage: complex, sensed: dict[str, float]) -> float:
+def _compensated(row: Any, sensed: dict[str, float]) -> float:
     """|V - (Rc + j Xc) I| of the regulated bus and the monitored branch; of the terminals: the current out of them."""
-    if row["bus"] < 0:
-        return magnitude(voltage)
     flowing = complex(sensed["Pbranch"], -sensed["Qbranch"]) / sensed["Vbus"]
     return magnitude(sensed["Vbus"] - complex(times(row["compensation"], flowing)))
 
@@ -179,7 +178,7 @@ def _place(row: Any, assembled: Control, source: Source | None, first: int) -> N
     row["first"], row["known"], row["end"] = first, first + assembled.first, first + len(assembled.rows)
     if source is not None:
         row["real"], row["imag"] = at[source.real], at[source.imag]
-        row["angle"], row["forming"] = at[source.angle] if source.angle else -1, source.forming
+        row["angle"], row["forming"] = at[source.angle] if source.angle else -1, source.forming or source.virtual
 
 
 def _moved(assembled: Control, offset: int) -> NDArray[Any]:
