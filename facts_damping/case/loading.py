@@ -134,10 +134,8 @@ def _made(content: Any, sets: dict[str, str]) -> Case:
     for i, field in enumerate(["link", *(f"controllers.{c}.link" for c in range(len(run.controllers)))]):
         check_felt(link if i == 0 else links[used[i - 1]], field, measurement, sets)
     links = [beside(signed(run_link) if run.security else run_link, measurement) for run_link in links]
-    dispatched = system
-    if scenario.dispatch:
-        content = _dispatched(system_source.content, scenario, scenario_file)
-        dispatched = checked(System, system_source._replace(content=content))
+    dispatched = system_source._replace(content=_dispatched(system_source.content, scenario, scenario_file))
+    placed = place(checked(System, dispatched) if scenario.dispatch else system)
     latency = reference_filter(measurement, system.frequency, run.frame_rate).delay / run.frame_rate
     controllers, settings = [], (run.frame_rate, latency, measurement.filter, run.tuning)
     for i, controller in enumerate(run.controllers):
@@ -145,7 +143,7 @@ def _made(content: Any, sets: dict[str, str]) -> Case:
             controller = controller.model_copy(update={"link": links[used[i]].model_dump()})  # noqa: PLW2901
         controllers.append(filled(controller, f"controllers.{i}", system, links[used[i]], *settings))
     supervision = supervision_of(run, sources.supervision)
-    case = Case(run, controllers, place(dispatched), scenario, measurement, link, links, used, supervision, model)
+    case = Case(run, controllers, placed, scenario, measurement, link, links, used, supervision, model)
     check_case(case)
     check_fallbacks(case)
     check_events(case, scenario_file)
@@ -174,11 +172,10 @@ def _model(model: System, system: System) -> System:
 
 
 def _dispatched(content: dict[str, Any], scenario: Scenario, where: str) -> dict[str, Any]:
-    """A system's content with a scenario's powers of machines and inverters; of machines shares may be replaced then."""
-    dispatch = scenario.dispatch
-    tables = {name: content.get(name, []) for name in ("machines", "inverters")}
-    scheduled = [row["name"] for rows in tables.values() for row in rows if not row.get("slack")]
+    """A system's content with a scenario's powers of machines and inverters, before shares of machines are replaced."""
+    dispatch, tables = scenario.dispatch, {name: content.get(name, []) for name in ("machines", "inverters")}
     for name in dispatch:
+        scheduled = [row["name"] for rows in tables.values() for row in rows if not row.get("slack")]
         check_known(f"{where}: dispatch", name, scheduled)
     rows_of = {name: [{**row, "P": dispatch.get(row["name"], row.get("P"))} for row in rows]
                for name, rows in tables.items()}  # fmt: skip

@@ -34,11 +34,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.compiling.structs import Complex1, Float2
+    from facts_damping.compiling.structs import Float2
     from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
-    from facts_damping.plant.inverters.start import Inverters
     from facts_damping.plant.machines.block_rest import LimitViolation
     from facts_damping.plant.rotating import Rotating
 
@@ -118,17 +117,11 @@ def build(
         sparse_networks=Table([sparse_network(*part) for part in intervals] if large else []),
         pmu_machine=np.array([at.get(pmu.machine, -1) for pmu in system.pmus]),
     )
-    n = len(installed)
-    at_rest = np.zeros(n), np.zeros(n), initial_watch(n), *_sources(inverters, len(ports.rows))
+    n, (source, still) = len(installed), np.zeros((2, len(ports.rows)), np.complex128)
+    source[inverters.rows["port"]] = inverters.sources  # of several solutions that of the power flow
+    at_rest = np.zeros(n), np.zeros(n), initial_watch(n), source, still
     lines = line([system.device(name).dead_time for name in installed])
     return Built(plant, PlantState(np.array(states.values), *at_rest, *lines), flow, states.names)
-
-
-def _sources(inverters: Inverters, ports: int) -> tuple[Complex1, Complex1]:
-    """Sources at the ports from which the network is solved first, and their change: of inverters the power flow's."""
-    source = np.zeros(ports, np.complex128)
-    source[inverters.rows["port"]] = inverters.sources
-    return source, np.zeros_like(source)
 
 
 def _salient_ports(system: System, rotating: Rotating) -> Ports:

@@ -50,10 +50,7 @@ class InverterShare(ParameterModel):
 
 
 class Replaced(NamedTuple):
-    """Machines that are left, inverters and their controls; by machine that is gone the inverter in its place.
-
-    `absent`: inverters that a share of 0 leaves out.
-    """
+    """Machines that are left, inverters, controls; inverters by machine that is gone, and those that are not there."""
 
     machines: list[Machine]
     inverters: list[Inverter]
@@ -79,29 +76,26 @@ def replaced(machines: Sequence[Machine], shares: Sequence[InverterShare]) -> Re
         raise ValueError(f"inverter_shares.*.share: {', '.join(exceeded)} given; allowed: at most 1 of a machine")
     gone = {m.name: parts[m.name][0].inverter_of(m) for m in machines if shared[m.name] >= WHOLE}
     pairs = [(share, m) for m in machines for share in parts[m.name]]
+    left = {m.name: _part(m, 1.0 - shared[m.name]) if shared[m.name] else {} for m in machines}
     return Replaced(
-        [_left(m, 1.0 - shared[m.name]) if shared[m.name] else m for m in machines if m.name not in gone],
+        [m.model_copy(update=left[m.name]) for m in machines if m.name not in gone],
         [_inverter(share, m, slack=m.slack and gone.get(m.name) == share.inverter_of(m)) for share, m in pairs],
-        [
-            CONTROLS[c.model](inverter=share.inverter_of(m), **c.model_dump())
-            for share, m in pairs
-            for c in share.controls
-        ],
+        [CONTROLS[row.model](inverter=share.inverter_of(m), **row.model_dump())
+         for share, m in pairs for row in share.controls],
         gone,
         {share.inverter_of(m) for share in shares if share.share == 0.0 for m in machines if share.covers(m)},
-    )
+    )  # fmt: skip
+
+
+def _part(machine: Machine, part: float) -> dict[str, Any]:
+    """Rating and powers of a part of a machine; at the slack's bus its power is that in proportion to ratings."""
+    P = None if machine.P is None else machine.P * part
+    return {"rating": machine.rating * part, "P": P, "Q": machine.Q * part}
 
 
 def _inverter(share: InverterShare, machine: Machine, *, slack: bool) -> Inverter:
-    """The inverter that has a share of a machine; at the slack's bus its power is that in proportion to ratings."""
-    of_machine: dict[str, Any] = {field: getattr(machine, field) for field in ("bus", "area", "V", "angle")}
-    powers = {"P": None if machine.P is None else machine.P * share.share, "Q": machine.Q * share.share}
-    rating = machine.rating * share.share
-    row = {**share.inverter.model_dump(), **of_machine, **powers, "rating": rating, "slack": slack}
-    inverter: Inverter = INVERTERS[share.inverter.model](name=share.inverter_of(machine), **row)
+    """The inverter that has a share of a machine."""
+    row = {field: getattr(machine, field) for field in ("bus", "area", "V", "angle")} | _part(machine, share.share)
+    row |= {**share.inverter.model_dump(), "name": share.inverter_of(machine), "slack": slack}
+    inverter: Inverter = INVERTERS[share.inverter.model](**row)
     return inverter
-
-
-def _left(machine: Machine, part: float) -> Machine:
-    powers = {"P": None if machine.P is None else machine.P * part, "Q": machine.Q * part}
-    return machine.model_copy(update={"rating": machine.rating * part, **powers})

@@ -69,9 +69,9 @@ class System(ParameterModel):
         if not self.inverter_shares:
             return self
         new = replaced(self.machines, self.inverter_shares)
-        rows = {field: [row for row in getattr(self, field) if row.machine not in new.gone]
-                for field in ("exciters", "stabilisers", "governors")}  # fmt: skip
-        rows |= {
+        rows = {
+            **{field: [row for row in getattr(self, field) if row.machine not in new.gone]
+               for field in ("exciters", "stabilisers", "governors")},
             "inverter_shares": [],
             "machines": new.machines,
             "inverters": [*self.inverters, *new.inverters],
@@ -81,13 +81,9 @@ class System(ParameterModel):
                      for p in self.pmus if p.machine not in new.absent],
         }  # fmt: skip
         moved = {p.name for p in self.pmus if p.machine in new.gone}  # to where there is no rotor, but a frequency
-        rows["signals"] = {
-            name: s.model_copy(update={"channel": "frequency"})
-            if s.channel == "speed_deviation" and moved & set(s.weights)
-            else s
-            for name, s in self.signals.items()
-        }
-        return self.model_copy(update=rows)
+        seen = {name: s.model_copy(update={"channel": "frequency"}) for name, s in self.signals.items()
+                if s.channel == "speed_deviation" and moved & set(s.weights)}  # fmt: skip
+        return self.model_copy(update={**rows, "signals": self.signals | seen})
 
     @property
     def units(self) -> list[Any]:

@@ -216,10 +216,7 @@ def _currents(matrix: Triplets, voltage: Complex1) -> Complex1:
 
 
 def _shared(here: Sequence[Any], net: complex, base_power: float) -> list[tuple[str, complex]]:
-    """Powers of the sources at a bus: their own P and Q, the rest by ratings.
-
-    At the slack's bus the rest of P is that of the sources without a P of their own.
-    """
+    """Powers of the sources at a bus: their own, the rest by ratings, but that of P of those without (the slack)."""
     if len(here) == 1:
         return [(here[0].name, net)]
     rating = sum(m.rating for m in here)
