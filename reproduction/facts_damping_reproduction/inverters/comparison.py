@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,7 +15,7 @@ from facts_damping_reproduction.adaptation import decide
 from facts_damping_reproduction.adaptation.cases import evaluation
 from facts_damping_reproduction.adaptation.experiment import kept, outcome
 from facts_damping_reproduction.inverters.laws import BARE, MAIN, Arm, arms, searched, without_control
-from facts_damping_reproduction.inverters.study import interarea, made, plan
+from facts_damping_reproduction.inverters.study import STILL, interarea, made, plan
 from facts_damping_studies.margins.delay_margin import oscillations
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from facts_damping_studies.score.card import NONE
@@ -37,10 +38,10 @@ class Compared(NamedTuple):
     rows: dict[tuple[str, int], list[dict[str, Any]]]
     kinds: list[str]
 
-    def best(self, name: str) -> list[dict[str, Any]]:
-        """The controller of an arm that was best in training; none where it has none."""
-        of_arm = [found for (arm, _), found in sorted(self.searches.items()) if arm == name]
-        best: list[dict[str, Any]] = min(of_arm, key=lambda found: found["value"])["rows"] if of_arm else []
+    def best(self, arm: Arm) -> list[dict[str, Any]]:
+        """The controller of an arm that was best in training, or that it has anyway."""
+        of_arm = [result for (name, _), result in sorted(self.searches.items()) if name == arm.name]
+        best: list[dict[str, Any]] = min(of_arm, key=lambda result: result["value"])["rows"] if of_arm else arm.fixed
         return best
 
 
@@ -68,13 +69,14 @@ def _measured(part: str, task: tuple[str, int, list[dict[str, Any]]]) -> tuple[s
 def compared(part: str, folder: Path, each: Each) -> Compared:
     """Searches and outcomes of a part of the plan; what the folder has is not computed again."""
     folder.mkdir(parents=True, exist_ok=True)
-    with_device = [name for name, arm in arms(part).items() if arm.device]
-    todo = [(name, seed) for seed in range(plan()["search"]["seeds"]) for name in with_device]
+    todo = [
+        (name, seed) for seed in range(plan()["search"]["seeds"]) for name, arm in arms(part).items() if arm.searched
+    ]
     searches = {
         (name, seed): found for name, seed, found in kept(folder, "search", todo, partial(searched, part), each)
     }
-    fixed = [name for name, arm in arms(part).items() if not arm.device]
-    tasks: list[Any] = [(NONE, 0, []), *((name, 0, []) for name in fixed)]
+    tasks: list[Any] = [(NONE, 0, [])]
+    tasks += [(name, 0, arm.fixed) for name, arm in arms(part).items() if not arm.searched]
     tasks += [(name, seed, found["rows"]) for (name, seed), found in searches.items()]
     rows = {(name, seed): found for name, seed, found in kept(folder, "unseen", tasks, partial(_measured, part), each)}
     return Compared(searches, rows, [case["kind"] for case in cases()])
@@ -87,20 +89,21 @@ def ratio(results: Compared, arm: str, against: str, reference: str = NONE) -> d
 
 
 def damping(arm: Arm, rows: Sequence[dict[str, Any]], delay: float | None = None) -> dict[str, Any]:
-    """Damping ratio and frequency of the interarea mode, and the largest growth (1/s), in the linear loop."""
+    """Damping ratio and frequency of the interarea mode, and the largest growth (1/s, Hz), in the linear loop."""
     case = made({**arm.sets, "scenario": []}, rows, arm.devices)
     if rows:
         whole = delayed_loop(case)
         solved = eigen(whole, sampled(whole, plan()["typical"] if delay is None else delay))
-        modes, growth = oscillations(whole, solved, case), solved.growth
+        modes, fastest = oscillations(whole, solved, case), solved.values[0]
     else:
         modes = analyse(case.system, case.run.devices).modes
-        growth = max(m.eigenvalue.real for m in modes)
+        fastest = max((m.eigenvalue for m in modes if abs(m.eigenvalue) > STILL), key=lambda value: value.real)
     between = interarea(modes)
     return {
         "damping_ratio": between and between.damping_ratio,
         "frequency_hz": between and between.frequency_hz,
-        "growth": float(growth),
+        "growth": float(fastest.real),
+        "growth_hz": abs(float(fastest.imag)) / (2.0 * math.pi),
     }
 
 
@@ -108,7 +111,7 @@ def ratios(results: Compared) -> Rows:
     """Each arm against no control, and against the others, with its damping ratio, losses and effort."""
     pairs = [(arm, NONE) for arm in plan()[MAIN]]
     pairs += [(arm, other) for arm in plan()[MAIN] for other in plan()[MAIN] if arm != other]
-    linear = {name: damping(arm, results.best(name)) for name, arm in arms(MAIN).items()}
+    linear = {name: damping(arm, results.best(arm)) for name, arm in arms(MAIN).items()}
     return [
         {**ratio(results, arm, against)._asdict(), **linear[arm], **_counted(results, arm)} for arm, against in pairs
     ]
@@ -133,7 +136,7 @@ def claim(results: Compared) -> Rows:
         for name in ("POD-P", "POD-Q")
     }
     pod = min(values, key=lambda name: sum(values[name]) / len(values[name]))
-    linear = {name: damping(arm, results.best(name))["damping_ratio"] for name, arm in arms(BARE).items()}
+    linear = {name: damping(arm, results.best(arm))["damping_ratio"] for name, arm in arms(BARE).items()}
     reference, margin, as_good = "PSS", plan()["margin"], plan()["claim"]["as_good"]
     rows = []
     for arm, against in (("VSM", "PSS"), ("VSM", pod), ("PSS", pod)):
@@ -166,7 +169,7 @@ def _held(holds: bool, fails: bool) -> str:
 def delays(results: Compared) -> Rows:
     """Damping ratio of the interarea mode and growth against the delay, of the best controllers in training."""
     return [
-        {"arm": name, "delay_s": delay, **damping(arms(MAIN)[name], results.best(name), delay)}
+        {"arm": name, "delay_s": delay, **damping(arms(MAIN)[name], results.best(arms(MAIN)[name]), delay)}
         for name in plan()["failed"]
         for delay in plan()["delays"]
     ]
@@ -174,7 +177,8 @@ def delays(results: Compared) -> Rows:
 
 def _failed(results: Compared, task: tuple[str, str, bool]) -> dict[str, Any]:
     name, failure, supervised = task
-    arm, rows = arms(MAIN)[name], results.best(name)
+    arm = arms(MAIN)[name]
+    rows = results.best(arm)
     events, sets = {"scenario": read_run(RUN)[0]["scenario"], "duration": 20.0}, {**arm.sets}
     record = loop.run(made({**events, **sets}, (), arm.devices))
     none = summarise(record, twin=twin_of(record)).indices

@@ -31,37 +31,47 @@ MAIN, BARE = "arms", "bare"  # parts of the plan that have arms
 
 
 class Arm(NamedTuple):
-    """An arm: the part of the plan and its name, fields of its grid, and the device of its controller, if any."""
+    """An arm: the part of the plan and its name, fields of its grid, the device of its controller, its law if fixed."""
 
     part: str
     name: str
     sets: dict[str, Any]
-    device: str | None
+    device: str | None = None
+    law: dict[str, float] | None = None
 
     @property
     def devices(self) -> list[str]:
         """Devices beside the SSSC."""
         return [self.device] if self.device else []
 
+    @property
+    def searched(self) -> bool:
+        """Whether its controller is searched for."""
+        return self.device is not None and self.law is None
+
+    @property
+    def fixed(self) -> list[dict[str, Any]]:
+        """Its controllers, where none is searched for."""
+        return [controller(self, self.law)] if self.law else []
+
 
 def arms(part: str) -> dict[str, Arm]:
     """The arms of a part of the plan by name."""
     rows = plan()[BARE]["arms"] if part == BARE else plan()[MAIN]
-    below = plan()[BARE]["set"] if part == BARE else {}
     return {
-        name: Arm(part, name, {**grid(row["kind"], plan()["share"]), **below, **row.get("set", {})}, row.get("device"))
+        name: Arm(part, name, _fields(part, row["kind"], row.get("set", {})), row.get("device"), row.get("law"))
         for name, row in rows.items()
     }
 
 
 def without_control(part: str) -> Arm:
     """The grid of inverters that follow, without control: the reference of a part."""
-    return Arm(
-        part,
-        "no control",
-        {**grid("following", plan()["share"]), **(plan()[BARE]["set"] if part == BARE else {})},
-        None,
-    )
+    return Arm(part, "no control", _fields(part, "following", {}))
+
+
+def _fields(part: str, kind: str, sets: dict[str, Any]) -> dict[str, Any]:
+    below = plan()[BARE]["set"] if part == BARE else {}
+    return {**grid(kind, plan()["share"]), **below, **sets}
 
 
 def controller(arm: Arm, parameters: dict[str, float]) -> dict[str, Any]:
@@ -71,7 +81,7 @@ def controller(arm: Arm, parameters: dict[str, float]) -> dict[str, Any]:
 
 @cache
 def unit_gain(part: str, name: str) -> float:
-    """Gain, p.u./p.u., that by the interarea mode's residue and delay raises its damping ratio by `RAISED`; with sign."""
+    """Gain, p.u./p.u., with sign, that by residue and delay raises the interarea damping ratio by `RAISED`."""
     arm = arms(part)[name]
     case = made({**arm.sets, "scenario": []}, devices=arm.devices)
     mode = interarea(analyse(case.system, case.run.devices).modes)

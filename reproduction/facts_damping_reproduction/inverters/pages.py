@@ -36,6 +36,11 @@ WITH, OFF = "one an area", "none"  # stabilisers
 FOLLOWING, DROOPS, VIRTUAL = "following", "droops", "virtual machine"
 SENDING, RECEIVING, BOTH = "sending area", "receiving area", "both areas"
 GROWING = 1e-3  # 1/s, above which a grid is unstable; less is round-off
+ADDED = (  # after the evaluation
+    ("POD-P, designed", "POD-Q, designed"),
+    ("POD-P, designed", "SSSC, designed"),
+    ("virtual machines", "SSSC, designed"),
+)
 PAIRS = (  # of the question
     ("POD-P", "POD-Q"),
     ("POD-P", "SSSC"),
@@ -81,7 +86,7 @@ def plot_modes(rows: Rows, path: Path) -> Path:
         axes.axhline(0.0, color="black", lw=0.8)
         axes.grid(visible=True, color="0.92")
     panels[0].set_ylabel("damping ratio, interarea [%]", fontsize=9)
-    panels[0].legend(fontsize=7)
+    panels[-1].legend(fontsize=7, loc="upper left")
     return save_picture(figure, path, dpi=150, metadata={"Software": None})
 
 
@@ -124,8 +129,8 @@ def arm_table(rows: Rows) -> list[str]:
     """Each arm against no control: index, damping ratio, effort, losses."""
     lines = []
     for row in (row for row in rows if row["against"] == NONE):
-        cells = [of_pair(rows, row["arm"], NONE).text(), percent(row["damping_ratio"])]
-        effort = percent(row["effort"]) if row["loops"] else "-"
+        linear = f"grows, {row['growth_hz']:.1f} Hz" if row["growth"] > GROWING else percent(row["damping_ratio"])
+        cells, effort = [of_pair(rows, row["arm"], NONE).text(), linear], percent(row["effort"] or None)
         lines.append([row["arm"], *cells, effort, f"{row['lost']} of {row['runs']}"])
     return table(["arm", "ITAE, to no control", "damping ratio", "effort", "lost"], lines, 1, markdown=True)
 
@@ -134,7 +139,7 @@ def pair_table(rows: Rows) -> list[str]:
     """The pairs of the question, with their decisions."""
     lines = [
         [arm, against, of_pair(rows, arm, against).text(), of_pair(rows, arm, against).decision]
-        for arm, against in PAIRS
+        for arm, against in (*PAIRS, *ADDED)
     ]
     return table(["arm", "against", "ITAE", "decision"], lines, 2, markdown=True)
 
@@ -222,11 +227,11 @@ def values(tables: dict[str, Rows]) -> dict[str, Any]:
 
     def of_constant(kind: str, name: str) -> str:
         shown = [row for row in tables["constants"] if (row["kind"], row["constant"]) == (kind, name)]
-        return f"{percent(shown[0]['interarea'])} to {percent(shown[-1]['interarea'])}"
+        return ", ".join(percent(row["interarea"]) for row in shown)
 
     following = [row for row in rows if row["kind"] == FOLLOWING and row["stabilisers"] == WITH and row["share"] > 0.5]
     return {
-        "none": ratio(FOLLOWING, BOTH, 0),
+        "intact": ratio(FOLLOWING, BOTH, 0),
         "sending": ratio(FOLLOWING, SENDING, 0.5),
         "receiving": ratio(FOLLOWING, RECEIVING, 0.5),
         "both": ratio(FOLLOWING, BOTH, 0.5),
@@ -245,6 +250,9 @@ def values(tables: dict[str, Rows]) -> dict[str, Any]:
         "points": f"{_points(compared)}",
         "margin": percent(study.plan()["margin"]).replace(".0", ""),
         "as_good": f"{100 * study.plan()['claim']['as_good']:.0f} %",
+        "rule": " ".join(study.plan()["rule"].split()),
+        "decisions": decisions(compared),
+        "added": added(compared),
         "claim_index": verdict(tables["claim"], "by_index"),
         "claim_ratio": verdict(tables["claim"], "by_damping_ratio"),
         "pod": tables["claim"][-1]["against"],
@@ -256,11 +264,24 @@ def values(tables: dict[str, Rows]) -> dict[str, Any]:
     }
 
 
+def decisions(rows: Rows) -> str:
+    """The pairs of the question by decision."""
+    named: dict[str, list[str]] = {}
+    for arm, against in PAIRS:
+        named.setdefault(of_pair(rows, arm, against).decision, []).append(f"{arm} against {against}")
+    return "; ".join(f"{decision}: {', '.join(pairs)}" for decision, pairs in named.items())
+
+
+def added(rows: Rows) -> str:
+    """The pairs of laws by design, each with its decision."""
+    return "; ".join(f"{arm} against {against}: {of_pair(rows, arm, against).decision}" for arm, against in ADDED)
+
+
 def _points(rows: Rows) -> int:
     """Points that a search tried, on the mean."""
     loops = [row["loops"] for row in rows if row["against"] == NONE and row["loops"]]
     asked = study.plan()["search"]
-    return round(sum(loops) / len(loops) / asked["seeds"] / asked["cases"])
+    return round(float(sum(loops)) / (len(loops) * int(asked["seeds"]) * int(asked["cases"])))
 
 
 def page(tables: dict[str, Rows]) -> str:
@@ -272,7 +293,6 @@ def page(tables: dict[str, Rows]) -> str:
         pairs="\n".join(pair_table(compared)),
         claim="\n".join(claim_table(tables["claim"])),
         failures="\n".join(failure_table(tables["failures"])),
-        pair=lambda arm, against: of_pair(compared, arm, against),
         **values(tables),
     )
 
