@@ -64,6 +64,8 @@ def case(number: int, seed: int = SEED, scr: tuple[float, float] = SCR, step: fl
         names.append("GFM")
     x_over_r = float(chance.uniform(3.0, 20.0))
     system = _grid(chance, source, ratio * RATING * count / BASE, x_over_r, {row["bus"] for row in rows})
+    if source == "forming":  # the slack's part is within its rating
+        system["loads"][0]["P"] = sum(row.get("P", 0.0) for row in rows) + float(chance.uniform(0.0, 1.5)) * RATING
     system |= {"inverters": rows, "inverter_controls": controls, "step": step}
     system["pmus"] = [{"name": "P", "bus": "P"}, {"name": "T1", "machine": "IBR1"}]
     places = [bus["name"] for bus in system["buses"] if bus["name"] != "S"] + (["line_1"] if source != "forming" else [])
@@ -101,6 +103,8 @@ def _controls(chance: Generator, name: str) -> list[dict[str, Any]]:
     model = str(chance.choice(KINDS))
     electrical = {**ELECTRICAL[model], **{flag: int(chance.random() < 0.5) for flag in FLAGS}}
     electrical["Kqv"] = float(chance.choice([0.0, 2.0, 5.0]))
+    if electrical["QFLAG"] == 1 and electrical["VFLAG"] == 0:  # a power factor is no voltage
+        electrical["PFFLAG"] = 0
     rows = [{"inverter": name, "model": model, **electrical}]
     if chance.random() < 0.5:
         plant = {**PLANT, **{flag: int(chance.random() < 0.5) for flag in ("VCFlag", "RefFlag", "Fflag")}}
