@@ -102,7 +102,9 @@ def andes() -> ValidationTable:
             if bus:
                 rows += _after_a_conductance(case, system, bus)
     title = "Inverters and wind turbines"
-    return ValidationTable(title, "ANDES, steps of 4.2 ms", "facts-damping modes config/references/andes_inverters/kundur_reg.yaml", rows)
+    return ValidationTable(
+        title, "ANDES, steps of 4.2 ms", "facts-damping modes config/references/andes_inverters/kundur_reg.yaml", rows
+    )
 
 
 def _of_case(name: str, case: str) -> NDArray[Any]:
