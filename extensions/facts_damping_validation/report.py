@@ -5,7 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.input_files import read_text, share_folder
-from facts_damping_validation import devices, grid_forming, minniwecc, pmus, psse, small_signal, start, time_domain
+from facts_damping_validation import (
+    devices,
+    grid_forming,
+    inverters,
+    minniwecc,
+    pmus,
+    psse,
+    small_signal,
+    start,
+    time_domain,
+)
 from facts_damping_validation.table import summary
 
 if TYPE_CHECKING:
@@ -41,6 +51,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "actuators": devices.actuators,
     "time-domain": time_domain.andes,
     "disturbances-minniwecc": minniwecc.disturbances,
+    "inverters": inverters.andes,
     "disturbances-grid-forming": grid_forming.disturbances,
     "psse": psse.traces,
     "psse-steps": psse.traces_in_steps,

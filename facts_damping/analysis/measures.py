@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from facts_damping.record import Record
 
-SPEED = list(CHANNELS).index("speed_deviation")
+SPEED, FREQUENCY = (list(CHANNELS).index(name) for name in ("speed_deviation", "frequency"))
 # Units of columns that may be analysed, as shown in pictures.
 UNITS = {"pu": "p.u.", "rad": "rad", "hz": "Hz", "hz_per_s": "Hz/s", "s": "s", "pu/pu": "p.u./p.u."}
 
@@ -24,13 +25,13 @@ UNITS = {"pu": "p.u.", "rad": "rad", "hz": "Hz", "hz_per_s": "Hz/s", "s": "s", "
 def speed_differences(record: Record) -> dict[str, NDArray[np.float64]]:
     """Local and interarea differences of true rotor speeds: name -> (ticks,), p.u. of synchronous speed.
 
-    `dw = sum_i c_i dw_i` over PMUs i with the weights c of `measure_weights`. Raises InputError if they do not fit the
-    record.
+    `dw = sum_i c_i dw_i` over PMUs i with the weights c of `measure_weights`; where there is no rotor, dw_i is the
+    deviation of the frequency that the PMU reports. Raises InputError if they do not fit the record.
     """
     weights = measure_weights(record.configuration)
     if not weights:
-        raise InputError("measures: none given; allowed: speed differences, or PMUs at machines")
-    speeds, differences = pmu_speeds(record), {}
+        raise InputError("measures: none given; allowed: speed differences, or PMUs at machines or inverters")
+    speeds, differences = _with_frequencies(record, pmu_speeds(record)), {}
     for name, parts in weights.items():
         differences[name] = np.zeros(len(record.time_ns))
         for pmu, weight in parts.items():
@@ -40,10 +41,26 @@ def speed_differences(record: Record) -> dict[str, NDArray[np.float64]]:
     return differences
 
 
+def _with_frequencies(record: Record, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The speeds, p.u., with the deviation of the frequency that PMUs without a rotor report; gaps are interpolated."""
+    nominal, units = float(inline_system(record.configuration).get("frequency", math.nan)), _units_of_pmus(record)
+    for i, pmu in enumerate(record.pmus):
+        hertz, ticks = record.frames[:, i, FREQUENCY], np.arange(len(speeds))
+        known = np.isfinite(hertz)
+        if units.get(pmu) not in record.machine_names and known.any() and not np.isfinite(speeds[:, i]).any():
+            speeds[:, i] = np.interp(ticks, ticks[known], hertz[known]) / nominal - 1.0
+    return speeds
+
+
+def _units_of_pmus(record: Record) -> dict[Any, Any]:
+    """The machine or inverter of each PMU; None: it is at a bus."""
+    return {s.get("name"): s.get("machine") for s in inline_system(record.configuration).get("pmus") or ()}
+
+
 def pmu_speeds(record: Record) -> NDArray[np.float64]:
     """Speed at each PMU, (ticks, PMUs), p.u.: the true one of its machine, else as reported; NaN: unknown."""
     speed: NDArray[np.float64] = record.frames[:, :, SPEED].copy()
-    machines = {s.get("name"): s.get("machine") for s in inline_system(record.configuration).get("pmus") or ()}
+    machines = _units_of_pmus(record)
     for i, pmu in enumerate(record.pmus):
         if machines.get(pmu) in record.machine_names:
             true = record.machines["speed_deviation"][:, record.machine_names.index(str(machines[pmu]))]
@@ -56,7 +73,8 @@ def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, 
 
     From `measures` = {"local" | "interarea": {name: {PMU: weight}}}, or from an inline system, whose `measures` =
     {"local" | "interarea": [name]} refer to `signals` = {name: {"weights": ...}}. Default: each machine's speed against
-    the first machine's; against synchronous speed if there is an infinite bus.
+    the first machine's; against synchronous speed if there is an infinite bus. With fewer than two machines, inverters
+    count as well.
     """
     source = configuration if "measures" in configuration else inline_system(configuration) or configuration
     signals = source.get("signals") or {}
@@ -69,7 +87,10 @@ def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, 
 
 def _against_the_first(system: Mapping[str, Any]) -> dict[str, Mapping[str, float]]:
     """Default speed differences of the PMUs at machines, for a system that names none."""
-    pmus = [s["name"] for s in system.get("pmus") or () if isinstance(s, dict) and s.get("machine")]
+    at = {s["name"]: s["machine"] for s in system.get("pmus") or () if isinstance(s, dict) and s.get("machine")}
+    inverters = {row["name"] for row in system.get("inverters") or ()}
+    pmus = [name for name, unit in at.items() if unit not in inverters]
+    pmus = list(at) if len(pmus) < 2 else pmus
     if system.get("infinite_buses") or len(pmus) == 1:
         return {name: {name: 1.0} for name in pmus}
     return {f"{pmus[0]}-{name}": {pmus[0]: 1.0, name: -1.0} for name in pmus[1:]}

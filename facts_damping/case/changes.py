@@ -90,7 +90,7 @@ def _open_name(content: dict[str, Any], key: str) -> None:
         content[top] = scenario.get("events", [])
         if scenario.get("dispatch"):
             _open_name(content, "system.machines")
-            for row in content["system"].get("machines", []):
+            for row in (*content["system"].get("machines", []), *content["system"].get("inverters", [])):
                 row.update({"P": scenario["dispatch"].get(row.get("name"), row.get("P"))})
     else:
         content[top] = read_table(find(FOLDERS[top], named))

@@ -163,11 +163,13 @@ def _model(model: System, system: System) -> System:
 
 
 def _dispatched(system: System, scenario: Scenario, where: str) -> System:
-    scheduled = [m.name for m in system.machines if not m.slack]
+    scheduled = [unit.name for unit in system.units if not unit.slack]
     for name in scenario.dispatch:
         check_known(f"{where}: dispatch", name, scheduled)
-    machines = [
-        m.model_copy(update={"P": scenario.dispatch[m.name]}) if m.name in scenario.dispatch else m
-        for m in system.machines
-    ]
-    return system.model_copy(update={"machines": machines})
+    P = scenario.dispatch
+    tables: dict[str, list[Any]] = {"machines": list(system.machines), "inverters": system.inverters}
+    dispatched = {
+        name: [unit.model_copy(update={"P": P[unit.name]}) if unit.name in P else unit for unit in units]
+        for name, units in tables.items()
+    }
+    return system.model_copy(update=dispatched)

@@ -1,4 +1,4 @@
-"""What devices have by where they stand: in series, in parallel, between two buses, or at a machine."""
+"""What devices have by where they stand: in series, in parallel, between two buses, or at a machine or inverter."""
 
 from __future__ import annotations
 
@@ -125,34 +125,33 @@ class Transmission(DeviceModel):
         return f"{self.from_bus}-{self.to_bus}"
 
 
-class AtMachine(DeviceModel):
-    """What all kinds have that act on a machine's controls and not on the network. One not installed does nothing."""
-
-    machine: Name = Field(..., description="machine on whose exciter it acts")
+class AtUnit(DeviceModel):
+    """What all kinds have that act on the controls of a machine or inverter. One not installed does nothing."""
 
     @property
     def buses(self) -> list[str]:
         """The buses of its ports: it has none."""
         return []
 
+
+class AtMachine(AtUnit):
+    """What all kinds have that act on a machine's controls."""
+
+    machine: Name = Field(..., description="machine on whose exciter it acts")
+
     @property
     def place(self) -> str:
-        """Where it stands, for people."""
+        """The machine."""
         return self.machine
 
 
-class AtInverter(DeviceModel):
-    """What all kinds have that act on an inverter's controls. One not installed does nothing."""
+class AtInverter(AtUnit):
+    """What all kinds have that act on an inverter's controls."""
 
     inverter: Name = Field(..., description="inverter on whose controls it acts")
     input: str
 
     @property
-    def buses(self) -> list[str]:
-        """The buses of its ports: it has none."""
-        return []
-
-    @property
     def place(self) -> str:
-        """Where it stands, for people."""
+        """The inverter."""
         return self.inverter

@@ -122,11 +122,11 @@ class ForcedOscillation(ParameterModel):
 
 
 class GeneratorTrip(ParameterModel):
-    """A machine is disconnected for good."""
+    """A machine or an inverter is disconnected for good."""
 
     time: float = _time()
     kind: Literal["generator_trip"] = _kind()
-    machine: Name = Field(..., description="machine that is disconnected")
+    machine: Name = Field(..., description="machine or inverter that is disconnected")
 
 
 Event = Annotated[
@@ -143,7 +143,7 @@ class Scenario(ParameterModel):
     duration: float = quantity(20.0, "s", "duration of runs that do not set their own", gt=0, le=1e5)
     dispatch: dict[Name, float] = Field(
         {},
-        description="machine: active power at the start in MW, where it differs from the system's; the slack machine "
-        "has none",
+        description="machine or inverter: active power at the start in MW, where it differs from the system's; the "
+        "slack has none",
     )
     events: list[Event] = Field([], description="events, in any order; those at the same time act together")

@@ -12,7 +12,7 @@ from facts_damping.devices.base import AtInverter, AtMachine, Series
 from facts_damping.devices.kind import Site
 from facts_damping.devices.table import KINDS
 from facts_damping.elementary import phase
-from facts_damping.errors import InputError
+from facts_damping.errors import ProblemsError
 from facts_damping.numerics.phasors import magnitudes
 from facts_damping.plant import load_noise
 from facts_damping.plant.converters import dispatch
@@ -71,7 +71,7 @@ def build(
     ports = _salient_ports(system, rotating)
     inverters = inverters_at_rest(system, flow, states, ports, sum(map(len, rotating.blocks)))
     if violations := [*rotating.violations, *inverters.violations]:
-        raise InputError("\n".join(map(str, violations)))
+        raise ProblemsError(list(map(str, violations)))
     every = np.concatenate([np.zeros(0, blocks.BLOCK), *rotating.blocks, *inverters.blocks])
     magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
     loads = _loads_at_ports(system, noisy, listed)

@@ -21,7 +21,7 @@ from facts_damping.analysis.response import MIRROR, OUTAGE, PULSE_END, PULSED, W
 from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.case.loading import recorded_case
 from facts_damping.control.table import kind_of
-from facts_damping.errors import FactsDampingError
+from facts_damping.errors import FactsDampingError, InputError
 from facts_damping.parameters.events import Scenario
 from facts_damping.plant.events import topology_intervals
 from facts_damping.plant.grid.network import Topology
@@ -58,12 +58,15 @@ def without_events(case: Case) -> Case:
 def with_pulse(case: Case, size: float = PULSE) -> Case:
     """A case whose one event is a pulse of half a second, of a fraction of the first load.
 
-    Without loads, the pulse is in the first machine's mechanical power, p.u.
+    Without loads, the pulse is in the first machine's mechanical power, p.u. Raises `InputError` if there is neither.
     """
     if case.system.loads:
         kind = {"kind": "load_step", "load": case.system.loads[0].name}
-    else:
+    elif case.system.machines:
         kind = {"kind": "mechanical_power_step", "machine": case.system.machines[0].name}
+    else:
+        text = "no load and no machine given, in which a pulse could be; allowed: at least one"
+        raise InputError(f"system {case.system.name}: {text}")
     rows = [{**kind, "time": PULSE_END - 0.5, "change": size}, {**kind, "time": PULSE_END, "change": 0.0}]
     return replace(case, scenario=Scenario.model_validate({"name": "pulse", "events": rows}))
 

@@ -24,6 +24,9 @@ NEGLIGIBLE = 0.02  # participation of a state in a mode below which it is not li
 SWING_FRACTION = 0.5  # least participation of rotor angles and speeds in an electromechanical mode
 
 COMMON_FRACTION = 0.2  # the same for a mode with all machines in phase, in which governors participate
+VIRTUAL_H = 4.0  # s, inertia with which a grid-forming inverter counts in a mode's label, that of a usual machine
+# States of a grid-forming inverter: its speed, p.u., or its angle, rad; and the power by which its speed droops.
+SLIPS, ANGLES, POWERS = (".slip",), (".angle", ".angle_order"), (".P_seen",)
 
 
 class Residue(NamedTuple):
@@ -45,7 +48,7 @@ class Eigenmode(NamedTuple):
     """A mode: eigenvalue (1/s), frequency (Hz), damping ratio, participation of each state, mode shape.
 
     `label` is interarea, local, electromechanical (no areas are given), common (all together) or control; `shape` is
-    the speed of each machine relative to the fastest, complex.
+    the speed of each machine and grid-forming inverter relative to the fastest, complex.
     """
 
     eigenvalue: complex
@@ -58,7 +61,7 @@ class Eigenmode(NamedTuple):
 
     @property
     def swings(self) -> bool:
-        """Whether machines swing against each other in this mode."""
+        """Whether machines and grid-forming inverters swing against each other in this mode."""
         return self.label not in ("common", "control")
 
 
@@ -120,10 +123,11 @@ def mode(
     size = abs(eigenvalue)
     ratio = float(-eigenvalue.real / size) if size > 0 else 0.0
     angles, turning = _rotors(tuple(names))
-    speeds = {name: complex(right[k]) for name, k in turning.items()}
-    maximum = max(speeds.values(), key=abs, default=0j)
-    shape = {name: value / maximum if maximum else value for name, value in speeds.items()}  # the largest is one
-    label = _label(float(fraction[[*angles.values(), *turning.values()]].sum()), shape, system)
+    values = speeds(eigenvalue, right, names, system)
+    maximum = max(values.values(), key=abs, default=0j)
+    shape = {name: value / maximum if maximum else value for name, value in values.items()}  # the largest is one
+    forming = [k for places in _forming(tuple(names), system).values() for k in places if eigenvalue.imag != 0.0]
+    label = _label(float(fraction[[*angles.values(), *turning.values(), *forming]].sum()), shape, system)
     return Eigenmode(eigenvalue, float(eigenvalue.imag / (2 * np.pi)), ratio, listed, label, shape, [])
 
 
@@ -133,6 +137,36 @@ def _rotors(names: tuple[str, ...]) -> tuple[dict[str, int], dict[str, int]]:
     ends = (".delta", ".omega")
     angles, speeds = ({name.removesuffix(end): k for k, name in enumerate(names) if name.endswith(end)} for end in ends)
     return angles, speeds
+
+
+def speeds(eigenvalue: complex, right: NDArray[Any], names: Sequence[str], system: System | None) -> dict[str, complex]:
+    """Speed of each machine in an eigenvector, p.u., and of each grid-forming inverter: d(angle)/dt / omega_0."""
+    values = {name: complex(right[k]) for name, k in _rotors(tuple(names))[1].items()}
+    for name, places in _forming(tuple(names), system).items():
+        k, omega_0 = places[0], 2.0 * np.pi * (system.frequency if system else np.nan)
+        values[name] = complex(right[k]) * (1.0 if names[k].endswith(SLIPS) else eigenvalue / omega_0)
+    return values
+
+
+def _forming(names: tuple[str, ...], system: System | None) -> dict[str, list[int]]:
+    """Places of the states by which each grid-forming inverter swings, first its speed or its angle.
+
+    One that follows the grid has an angle of a phase-locked loop, but no speed of its own.
+    """
+    at = _places(names)
+    forming = [i.name for i in system.inverters if i.forming] if system else []
+    return {name: [at[name + end] for end in (*SLIPS, *ANGLES, *POWERS) if name + end in at] for name in forming}
+
+
+@cache
+def _places(names: tuple[str, ...]) -> dict[str, int]:
+    return {name: k for k, name in enumerate(names)}
+
+
+def inertias(system: System) -> dict[str, float]:
+    """H times rating of each machine, MVA s, and for grid-forming inverters that of a usual machine."""
+    of_machines = {m.name: m.H * m.rating for m in system.machines}
+    return of_machines | {i.name: VIRTUAL_H * i.rating for i in system.inverters}
 
 
 def unlike(some: Sequence[Eigenmode], others: Sequence[Eigenmode]) -> Float2:
@@ -154,10 +188,10 @@ def _label(swing: float, shape: dict[str, complex], system: System | None) -> st
     """
     if system is None or swing < COMMON_FRACTION:
         return "control"
-    inertia = {m.name: m.H * m.rating for m in system.machines}
+    inertia = {name: value for name, value in inertias(system).items() if name in shape}
     areas: dict[str, list[str]] = {}
-    for m in system.machines:
-        areas.setdefault(m.area or "", []).append(m.name)
+    for unit in (unit for unit in system.units if unit.name in shape):
+        areas.setdefault(unit.area or "", []).append(unit.name)
 
     def moving(group: Sequence[str]) -> float:
         weight = sum(inertia[name] for name in group)

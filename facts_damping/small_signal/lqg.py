@@ -146,7 +146,12 @@ def model(plant: Residues, system: System, controller: Controller) -> DesignMode
         G[plant.names.index(f"{rotor.name}.omega"), i] = 1.0 / (2.0 * rotor.H)
     for i, weights in enumerate(differences):
         for pmu, weight in weights.items():
-            Z[i, plant.names.index(f"{machine[pmu]}.omega")] += weight
+            state = f"{machine[pmu]}.omega"
+            if state not in plant.names:
+                rotors = [s.name for s in system.pmus if f"{s.machine}.omega" in plant.names]
+                text = f"measures: {pmu} given, without a rotor; allowed: for LQG {', '.join(rotors) or 'none'}"
+                raise InputError(text)
+            Z[i, plant.names.index(state)] += weight
     linear = plant.model
     C, D = linear.seen
     return DesignModel(linear.A, linear.B[:, columns], G, C[rows], D[np.ix_(rows, columns)], Z)

@@ -133,8 +133,9 @@ def modes_text(modal: Modal) -> Iterator[str]:
         )
     if len(shown) < len(modal.modes):
         yield f"and {len(modal.modes) - len(shown)} with a damping ratio above {WELL_DAMPED:g}, all in --json"
+    units = "machines and inverters" if any(i.forming for i in system.inverters) else "machines"
     for mode in shown_modes(modal):
-        yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: machines that swing against each other"
+        yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: {units} that swing against each other"
         ranked = sorted(in_parallel(mode.shape, modal.system).items(), key=lambda item: -abs(item[1]))
         halves = [[item for item in ranked if (item[1].real >= 0) == in_phase] for in_phase in (True, False)]
         for group in filter(None, halves):
@@ -154,17 +155,19 @@ def modes_text(modal: Modal) -> Iterator[str]:
 
 
 def together(names: Sequence[str]) -> str:
-    """A label of machines at one bus: their name, or what their names begin with and their number, `G6100 x3`."""
+    """A label of units at one bus: their name, or what their names begin with and their number, `G6100 x3`."""
     stem = names[0].rpartition("_")[0]
     alike = stem and all(name.startswith(f"{stem}_") for name in names)
     return names[0] if len(names) == 1 else f"{stem if alike else names[0]} x{len(names)}"
 
 
 def in_parallel(shape: Mapping[str, complex], system: System) -> dict[str, complex]:
-    """A mode shape in which the machines of a bus are one, by its label, if they move alike."""
+    """A mode shape in which the machines and inverters of a bus are one, by its label, if they move alike."""
     merged = dict(shape)
-    for bus in dict.fromkeys(m.bus for m in system.machines):
-        names = [m.name for m in system.machines if m.bus == bus]
+    at: dict[str, list[str]] = {}
+    for unit in (unit for unit in system.units if unit.name in shape):
+        at.setdefault(unit.bus, []).append(unit.name)
+    for names in at.values():
         label, value = together(names), shape[names[0]]
         if label not in merged and all(abs(shape[name] - value) < ALIKE for name in names):
             merged = {name: merged[name] for name in merged if name not in names} | {label: value}
@@ -172,8 +175,8 @@ def in_parallel(shape: Mapping[str, complex], system: System) -> dict[str, compl
 
 
 def _participation(mode: eigenmodes.Eigenmode, system: System) -> list[tuple[str, float]]:
-    """Participations, the largest first, in which the like states of machines at one bus are one."""
-    buses, groups = {m.name: m.bus for m in system.machines}, dict[tuple[str, str], list[str]]()
+    """Participations, the largest first, in which the like states of machines, or of inverters, at one bus are one."""
+    buses, groups = {unit.name: unit.bus for unit in system.units}, dict[tuple[str, str], list[str]]()
     for state in mode.participation:
         owner, _, rest = state.partition(".")
         groups.setdefault((buses.get(owner, owner), rest), []).append(owner)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.numerics.matrices import exponential, least_squares, product
+from facts_damping.small_signal.eigenmodes import ANGLES, SLIPS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,16 +55,17 @@ def effect(halved: Sequence[tuple[Float2, Float2]], A: Float2, B: Float2, second
 
 
 def rigid(A: Float2, C: Float2, names: Sequence[str]) -> Float2:
-    """Common shifts of all rotor angles and of all speeds that have no effect on the plant or a signal.
+    """Common shifts of all angles of rotors and sources, and of all speeds, without effect on the plant or a signal.
 
     Other states may settle elsewhere, as those of washouts do. Such motions, (states, 0 to 2), orthonormal, have zero
     eigenvalues, which round-off moves to either side.
     """
     motions = np.zeros((len(A), 0))
     whole = np.vstack([A, C])
-    turning = (".delta", ".theta", ".theta_w")  # rotor angles, and angles in load models
-    beside = np.array([not name.endswith((*turning, ".omega")) for name in names])
-    for end in (turning, ".omega"):
+    turning = (".delta", ".theta", ".theta_w", *ANGLES)  # of rotors, in load models, of inverters
+    speeds = (".omega", *SLIPS)
+    beside = np.array([not name.endswith((*turning, *speeds)) for name in names])
+    for end in (turning, speeds):
         for size in (np.ones(len(A)), np.abs(A).max(axis=1)):  # of rows: those of fast regulators hide the others
             motion = np.array([float(name.endswith(end)) for name in names])
             answer = product(A[beside], motion)

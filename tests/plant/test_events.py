@@ -270,10 +270,10 @@ def test_line_is_not_taken_for_the_bus_of_its_name() -> None:
 def test_island_without_a_machine_is_refused() -> None:
     rows = [at(1, "line_out", line="T1"), at(2, "line_out", line="T2"), at(3, "line_out", line="line_6_7")]
     message = refusal(*rows)
-    assert re.match(r"events\.2 \(line_out\): .*island without a machine: buses B5, B6; allowed: at least one", message)
+    assert re.match(r"events\.2 \(line_out\): .*island without a source: buses B5, B6; allowed: a machine", message)
     trips = [at(g, "generator_trip", machine=f"G{g}") for g in (1, 2, 3, 4)]
     assert re.match(
-        r"events\.3 \(generator_trip\): .*island without a machine: buses B1, B2, .*allowed:", refusal(*trips)
+        r"events\.3 \(generator_trip\): .*island without a source: buses B1, B2, .*allowed:", refusal(*trips)
     )
 
 

@@ -54,7 +54,7 @@ def instability(record: Record) -> str | None:
     last = record.machines[-1]
     known = all(np.isfinite(last[name]).all() for name in ("rotor_angle", "terminal_voltage"))
     nominal = inline_system(record.configuration).get("frequency")
-    if known and nominal is not None and np.abs(last["speed_deviation"]).max() > SPEED_BAND:
+    if known and nominal is not None and np.abs(last["speed_deviation"]).max(initial=0.0) > SPEED_BAND:
         return f"frequency beyond {nominal * (1 - SPEED_BAND):g} to {nominal * (1 + SPEED_BAND):g} Hz"
     return "loss of synchronism" if known else "voltage collapse: the network equations have no solution"
 

@@ -16,7 +16,7 @@ class InverterModel(BlockModel):
 
     name: Name = Field(..., description="name, unique among machines and inverters")
     bus: Name = Field(..., description="bus to which it is connected")
-    area: Name | None = Field(None, description="area")
+    area: Name | None = Field(None, description="area; given for a grid-forming one if it is for machines")
     rating: float = quantity(..., "MVA", "rated power, the base of its data and of its controls'", gt=0, le=1e5)
     P: float | None = quantity(None, "MW", "active power; not given for the slack", ge=-1e5, le=1e5)
     Q: float = quantity(
@@ -50,6 +50,11 @@ class InverterControlModel(BlockModel):
     branch: Name | None = Field(
         None, description="branch at this bus whose power out of the bus it sees; none: the inverter's"
     )
+
+    @property
+    def signals(self) -> set[str]:
+        """The signals that its blocks give."""
+        return {block.name for block in MODELS[self.model].blocks if block.when is None or block.when(self)}
 
     @model_validator(mode="after")
     def _measured(self) -> InverterControlModel:

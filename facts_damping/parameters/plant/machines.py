@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from math import inf
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
@@ -28,11 +28,12 @@ class Machine(ParameterModel):
     There is what each model needs. Without `Xq1` and `Tq01` it has salient poles. Subtransient reactances must not
     exceed transient ones, nor these the synchronous ones, and `Xl` must be the smallest.
 
-    Exactly one machine is the slack, or none in a system with an infinite bus. Machines at the same bus hold the same
-    voltage. A bus with an infinite bus has no machine.
+    Exactly one machine or grid-forming inverter is the slack, or none in a system with an infinite bus. Machines at the
+    same bus hold the same voltage. A bus with an infinite bus has no machine.
     """
 
-    name: Name = Field(..., description="name, unique among the machines")
+    forming: ClassVar[bool] = True  # a grid, with an angle of its own
+    name: Name = Field(..., description="name, unique among machines and inverters")
     bus: Name = Field(..., description="bus to which it is connected")
     area: Name | None = Field(
         None, description="area, to tell interarea modes from local ones; given for all machines or for none"

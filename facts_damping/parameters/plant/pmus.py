@@ -23,14 +23,16 @@ Channel = Literal[
 
 
 class Pmu(ParameterModel):
-    """A PMU at the terminals of a machine, or at a bus.
+    """A PMU at the terminals of a machine or inverter, or at a bus.
 
-    It reports voltage, its frequency, current and power: at a machine the power out of the machine, at a bus that into
-    the `branches`. A PMU at a machine also reports the rotor speed if PMUs are [ideal](measurement.md).
+    It reports voltage, its frequency, current and power: at a machine or inverter the power out of it, at a bus that
+    into the `branches`. A PMU at a machine also reports the rotor speed if PMUs are [ideal](measurement.md).
     """
 
     name: Name = Field(..., description="name, unique among the PMUs")
-    machine: Name | None = Field(None, description="machine at whose terminals it measures; give either this or `bus`")
+    machine: Name | None = Field(
+        None, description="machine or inverter at whose terminals it measures; give either this or `bus`"
+    )
     bus: Name | None = Field(None, description="bus at which it measures; give either this or `machine`")
     branches: list[Name] = Field(
         [], description="lines, transformers or series devices at the bus, whose flows out of the bus are added"
@@ -83,8 +85,9 @@ class Signal(ParameterModel):
 class Measures(ParameterModel):
     """The speed differences from which [performance indices](measures.md) are computed.
 
-    Both lists name signals of the channel `speed_deviation`. If both are empty, the speed of each PMU at a machine
-    counts against that of the first one, or beside an infinite bus against synchronous speed.
+    Both lists name signals of the channels `speed_deviation` or `frequency`. If both are empty, the speed of each PMU
+    at a machine (with fewer than two also at an inverter) counts against that of the first one, or beside an infinite
+    bus against synchronous speed. Where there is no rotor, the frequency counts that the PMU reports.
     """
 
     local: list[Name] = Field([], description="signals that are local speed differences")

@@ -85,6 +85,12 @@ class System(ParameterModel):
         """The device of a name."""
         return next(device for device in self.devices if device.name == name)
 
+    def buses_of(self, device: Device) -> list[str]:
+        """The buses at or between which a device stands; that of its machine or inverter."""
+        if isinstance(device, Series):
+            return list(device.ends)
+        return device.buses or [unit.bus for unit in self.units if unit.name == device.place]
+
 
 def _unique(field: str, names: Iterable[str]) -> set[str]:
     """The names as a set; a name that stands twice is an error."""
@@ -186,8 +192,9 @@ def _check_machines(system: System) -> None:
     wound = {m.name for m in system.machines if m.model != "classical"}
     for i, exciter in enumerate(system.exciters):
         _known(f"exciters.{i}.machine", exciter.machine, wound)
-    if len({m.area is None for m in system.machines}) > 1:
-        raise ValueError("machines.*.area: given for some machines; allowed: for all, or for none")
+    if len({unit.area is None for unit in system.units if unit.forming}) > 1:
+        allowed = "for all, and all grid-forming inverters, or for none"
+        raise ValueError(f"machines.*.area: given for some machines; allowed: {allowed}")
     if not machines and not system.infinite_buses and not any(i.forming for i in system.inverters):
         raise ValueError("machines: none given; allowed: at least one, an infinite bus, or a grid-forming inverter")
     slack = [unit.name for unit in system.units if unit.slack]
@@ -198,9 +205,15 @@ def _check_machines(system: System) -> None:
 
 def _check_inverters(system: System, buses: set[str]) -> None:
     inverters, at = {i.name for i in system.inverters}, _branches_at(system)
+    by_signal: dict[tuple[str, str], str] = {}  # the model that gives it
     for i, row in enumerate(system.inverter_controls):
         field = f"inverter_controls.{i}"
         _known(f"{field}.inverter", row.inverter, inverters)
+        for signal in row.signals if row.enabled else ():
+            if other := by_signal.get((row.inverter, signal)):
+                problem = f"{row.model} given for {row.inverter}, which has {other}"
+                raise ValueError(f"{field}: {problem}; allowed: one control of each sort")
+            by_signal[row.inverter, signal] = row.model
         if row.bus is not None:
             _known(f"{field}.bus", row.bus, buses)
         if row.branch is not None:
@@ -222,7 +235,8 @@ def _branches_at(system: System) -> dict[str | None, set[str]]:
 def _check_measurements(system: System, buses: set[str]) -> None:
     machines = {unit.name for unit in system.units}
     pmus, at = _unique("pmus", [s.name for s in system.pmus]), _branches_at(system)
-    places = machines | buses
+    places, rotors = machines | buses, {m.name for m in system.machines}
+    turning = {pmu.name for pmu in system.pmus if pmu.machine in rotors}
     for pmu in system.pmus:
         _known(f"pmus: {pmu.name}", pmu.machine or pmu.bus or "", places)
         for branch in pmu.branches:
@@ -232,6 +246,9 @@ def _check_measurements(system: System, buses: set[str]) -> None:
             _known(f"signals: {name}.weights", pmu_name, pmus)
         for pmu_name in (backup for backups in signal.backups.values() for backup in backups):
             _known(f"signals: {name}.backups", pmu_name, pmus)
-    speeds = {name for name, signal in system.signals.items() if signal.channel == "speed_deviation"}
+        if signal.channel == "speed_deviation":
+            for pmu_name in signal.weights:
+                _known(f"signals: {name} (speed_deviation).weights", pmu_name, turning)
+    speeds = {name for name, signal in system.signals.items() if signal.channel in ("speed_deviation", "frequency")}
     for name in (*system.measures.local, *system.measures.interarea):
         _known("measures", name, speeds)

@@ -201,6 +201,7 @@ def check_islands(system: System, topology: Topology, when: str) -> dict[str, in
     for island in sorted(set(label.values()) - fed):
         members = [name for name, number in label.items() if number == island]
         raise InputError(
-            f"{when} island without a machine: buses {', '.join(members)}; allowed: at least one machine an island"
+            f"{when} island without a source: buses {', '.join(members)}; "
+            "allowed: a machine, an infinite bus or a grid-forming inverter in each island"
         )
     return label

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 GIVES = {"governor": "Pm", "stabiliser": "Vs", "exciter": "Efd"}
+# Signals of an inverter that no control gives, and what stands for them.
+USUAL = {"Pref": "Pext", "Pm": "Pe0", "pitch": "pitch_start", "speed_reference": "one"}
 # Kinds with direct feedthrough.
 FEEDTHROUGH = {"sum", "lead_lag", "washout", "rate", "second_order", "product", "source", "rectifier", "curve", "after"}
 FILTER_ORDER = 20  # of a ramp-tracking filter, of which the library allows 8
@@ -59,7 +61,7 @@ def control(*models: Any, signals: Signals = MACHINE) -> Control:
     """The rows of a control of one or several models, with their parameters; state indices count from 0.
 
     A block may have the name of a signal, which it then replaces. Raises `InputError` if blocks form an algebraic loop,
-    two of them have one name, or a gain is infinite.
+    two of them have one name, no control gives a signal that they use, or a gain is infinite.
     """
     blocks = list[_Plain]()
     for data in models:
@@ -72,13 +74,21 @@ def control(*models: Any, signals: Signals = MACHINE) -> Control:
     if doubled := sorted({name for name in named if named.count(name) > 1}):
         text = f"two signals {', '.join(doubled)} given; allowed: one control of each sort"
         raise InputError(f"{' and '.join(data.model for data in models)} of {owner(models[0])}: {text}")
-    rename = {"Pref": "Pext"} if "Pext" in signals.known and "Pref" not in named else {}
+    rename = {name: other for name, other in USUAL.items() if "Pext" in signals.known and name not in named}
     blocks = [b._replace(inputs=[(rename.get(name, name), weight) for name, weight in b.inputs]) for b in blocks]
     label = f"{models[0].model} of {owner(models[0])}"
+    used = {name for b in blocks for name in (*dict(b.inputs), b.low_of, b.high_of, b.hold)}
+    if missing := sorted(used - {*named, *signals.known, *signals.measured}):
+        raise InputError(f"{label}: {', '.join(missing)} given by none; allowed: with a control that gives it")
     first = _in_order(blocks, set(signals.known) - set(named))
     rest = [block for block in blocks if block not in first]
     known = {*signals.known, *signals.measured}.difference(named).union(block.name for block in first)
     later = _in_order(rest, known)
+    needed = {name for b in blocks for name in (b.low_of, b.high_of, b.hold, *(name for name, _ in b.inputs))}
+    if missing := sorted(needed - known - set(named)):
+        models_of = [name for name, row in MODELS.items() if any(block.name in missing for block in row.blocks)]
+        text = f"no {', '.join(missing)} given; allowed: with one of {', '.join(models_of)}"
+        raise InputError(f"{label}: {text}")
     if left := [block.name for block in rest if block not in later]:
         text = f"an algebraic loop: {', '.join(left)}; allowed: a time constant above 0"
         raise InputError(f"{label}: {text}")

@@ -64,6 +64,7 @@ MAX_INPUTS = 5
 POINTS = 10  # of a curve
 NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
 STATELESS = -1
+OVER = 1e-3  # of what is after something: smooth at rest, where it is 0
 TURN = 2.0 * math.pi
 
 BLOCK = np.dtype(
@@ -150,7 +151,7 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
         if b.kind == PRODUCT:
             y = s[b.source[0]] * s[b.source[1]]
         elif b.kind == SOURCE:
-            voltage, current = complex(s[VD], s[VQ]), complex(s[ID], s[IQ])
+            voltage, current = complex(s[b.source[0]], s[b.source[1]]), complex(s[b.source[2]], s[b.source[3]])
             y = magnitude(complex(b.p[0], b.p[1]) * voltage + complex(b.p[2], b.p[3]) * current)
         elif b.kind == RECTIFIER:
             y = _rectified(s[b.source[0]], b.p[0] * s[b.source[1]])
@@ -175,7 +176,7 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
         elif b.kind == COSINE:
             y = cos(u)
         elif b.kind == AFTER:
-            y = 1.0 if u > 0.5 or (b.state >= 0 and x[b.state] > 0.0) else 0.0
+            y = 1.0 if u > 0.5 or (b.state >= 0 and x[b.state] > OVER) else 0.0
         elif b.state < 0:
             y = _limited(b, b.p[0] * u, s)
         elif b.kind == LEAD_LAG:
@@ -228,8 +229,8 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
     TE dx = u - KE x - SE(x) x; exponential: the same with SE(x) = A exp(B x); integral: dx = K u. States of lag, servo
     and integral stop at their limits. pi: dx = KI u until its output is at a limit; relay: T dx = 1 - x from one
     threshold of u up, -x from the other down, between them to the nearer of both; after: x goes to 1 in no time while u
-    is 1, then falls to 0 in T s; angle_lag: T dx = u - x without whole turns; stop: dx = K u, but no faster than to
-    its limits within `SHORTEST`, at one of which it rests. What is held stands still.
+    is 1, then falls to `OVER` in T s, and is over; angle_lag: T dx = u - x without whole turns; stop: dx = K u, but no
+    faster than to its limits within `SHORTEST`, at one of which it rests. What is held stands still.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -256,7 +257,7 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
             _move_past(b, u, x, dx)
             continue
         elif b.kind == AFTER:
-            slope = (1.0 - state) / b.p[1] if u > 0.5 else (-1.0 / b.p[0] if state > 0.0 else 0.0)
+            slope = (1.0 - state) / b.p[1] if u > 0.5 else (-1.0 / b.p[0] if state > OVER else -state / b.p[1])
         elif b.kind == ANGLE_LAG:
             slope = (u - state - TURN * math.floor((u - state) / TURN + 0.5)) / b.p[0]
         elif b.kind == STOP:
