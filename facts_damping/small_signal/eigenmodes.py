@@ -139,9 +139,7 @@ def _rotors(names: tuple[str, ...]) -> tuple[dict[str, int], dict[str, int]]:
     return angles, speeds
 
 
-def speeds(
-    eigenvalue: complex, right: NDArray[Any], names: Sequence[str], system: System | None
-) -> dict[str, complex]:
+def speeds(eigenvalue: complex, right: NDArray[Any], names: Sequence[str], system: System | None) -> dict[str, complex]:
     """Speed of each machine in an eigenvector, p.u., and of each grid-forming inverter: d(angle)/dt / omega_0."""
     values = {name: complex(right[k]) for name, k in _rotors(tuple(names))[1].items()}
     for name, places in _forming(tuple(names), system).items():

@@ -157,9 +157,7 @@ def test_way_down_is_its_mean_and_may_be_given() -> None:
 
 def test_mode_is_the_plants_or_given() -> None:
     built = loop.build_loop(load_case(None, ["controllers.0.compensation=lead"]))
-    assert built.control.bank.compensators.omega[0] == pytest.approx(
-        2.0 * math.pi * 0.6297, rel=1e-3
-    )  # docs/design.md
+    assert built.control.bank.compensators.omega[0] == pytest.approx(2.0 * math.pi * 0.6297, rel=1e-3)  # docs/design.md
     sets = ["controllers.0.compensation=lead", "controllers.0.parameters.mode_hz=0.5"]
     assert loop.build_loop(load_case(None, sets)).control.bank.compensators.omega[0] == math.pi
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from facts_damping.analysis.measures import measure_weights
 from facts_damping.case import names
-from facts_damping.devices.base import AtInverter, AtMachine, Series, Transmission
+from facts_damping.devices.base import Series, Transmission
 from facts_damping.devices.table import KINDS
 from facts_damping.monitor_table import COUNTED, MONITORS
 from facts_damping.parameters.supervision import watches
@@ -291,12 +291,7 @@ def _device(system: System, device: Device, setpoint: int | None) -> dict[str, A
         "outline": KINDS[device.kind].shown.outline,
         "setpoint": setpoint,
     }
-    if isinstance(device, Series):
-        return drawn | {"from": device.ends[0], "to": device.ends[1]}
     if isinstance(device, Transmission):
         return drawn | {"from": device.from_bus, "to": device.to_bus}
-    if isinstance(device, AtMachine):
-        return drawn | {"bus": next(m.bus for m in system.machines if m.name == device.machine)}
-    if isinstance(device, AtInverter):
-        return drawn | {"bus": next(i.bus for i in system.inverters if i.name == device.inverter)}
-    return drawn | {"bus": device.bus}
+    first, *others = system.buses_of(device)
+    return drawn | ({"from": first, "to": others[0]} if others else {"bus": first})
