@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -132,7 +132,7 @@ def _at(device: Device) -> str:
 
 def setpoints(system: System, inverter: str) -> list[str]:
     """The setpoints that an inverter's controls use."""
-    rows = [row for row in system.inverters if row.name == inverter]
+    rows: list[Any] = [row for row in system.inverters if row.name == inverter]
     rows += [row for row in system.inverter_controls if row.inverter == inverter and row.enabled]
     used = {word for row in rows for block in active_blocks(row) for word in re.findall(r"\w+", block.inputs)}
     return [name for name in SETPOINTS if name in used]
