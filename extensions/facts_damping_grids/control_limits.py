@@ -9,6 +9,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import limit_violations
+from facts_damping.plant.machines.block_controls import owner
 from facts_damping_grids.notes import Note
 from facts_damping_grids.problems import Problems
 
@@ -20,10 +21,17 @@ MAXIMUM = 5  # iterations, as one limit may depend on another
 EFFECT = "the limit acts later than in the case"
 
 
+def control_key(row: Mapping[str, Any]) -> str:
+    """What a row is known by in its table: its name, its machine, or its inverter and model."""
+    if "inverter" in row:
+        return f"{row['inverter']} {row['model']}"
+    return str(row.get("name", row.get("machine")))
+
+
 def widened(content: dict[str, Any], origins: Mapping[tuple[str, str], str]) -> tuple[dict[str, Any], list[Note]]:
     """Content of a system with limits widened as its initial state needs, and a note for each.
 
-    `origins`: where a control comes from, by its table and machine. Raises `InputError` if that does not help.
+    `origins`: where a control comes from, by its table and key. Raises `InputError` if that does not help.
     """
     wider_content, notes, problems = deepcopy(content), list[Note](), Problems()
     for _ in range(MAXIMUM):
@@ -36,7 +44,8 @@ def widened(content: dict[str, Any], origins: Mapping[tuple[str, str], str]) -> 
         for violation in violations:
             c, field = violation.control, violation.field
             table = violation.table
-            place = origins.get((table, c.machine), f"{table}: {c.machine}: {c.model}")
+            key = control_key(c.model_dump())
+            place = origins.get((table, key), f"{table}: {owner(c)}: {c.model}")
             limits = f"allowed by its limits: {violation.low:.4g} to {violation.high:.4g}"
             text = f"{place}: {violation.name} is {violation.value:.4g} p.u. at the start; {limits}"
             if field is None:
@@ -44,10 +53,10 @@ def widened(content: dict[str, Any], origins: Mapping[tuple[str, str], str]) -> 
                 continue
             beyond = WIDER * abs(violation.wanted)
             limit = violation.wanted + (beyond if violation.value > violation.high else -beyond)
-            row = next(row for row in wider_content[table] if row["machine"] == c.machine)
+            row = next(row for row in wider_content[table] if control_key(row) == key)
             text += f"; {field}: {row[field]:g} is set to {limit:.4g}"
             common = f"{table}: {c.model}: {field} excludes the start: widened"
-            notes.append(Note(text, common, "machines", c.machine, c.model, "replaced", EFFECT))
+            notes.append(Note(text, common, "machines", owner(c), c.model, "replaced", EFFECT))
             row[field] = limit
         problems.check()
     raise InputError(str(violations[0]))

@@ -65,9 +65,13 @@ FORMS = {
     "room": "sqrt({0}² - u²)",
     "after": "1, {0} s longer",
     "angle_lag": "1 / (1 + s {0}), of an angle",
+    "stop": "{0} / s, at rest at a limit",
+    "magnitude": "magnitude of two",
+    "sine": "sine",
+    "cosine": "cosine",
 }
 TITLES = {"inverter_control": "Controls of inverters"}
-NONLINEAR = ("product", "rectifier", "quotient", "window")
+NONLINEAR = ("product", "rectifier", "quotient", "window", "magnitude")
 
 
 def page() -> str:

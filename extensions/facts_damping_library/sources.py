@@ -21,7 +21,7 @@ def overload(of: str, gain: str, integral: str) -> tuple[Block, ...]:
 
     `of`: P or Q; the signals `P_above`, `P_below` come out, p.u. of speed (P) or voltage (Q).
     """
-    blocks = list[Block]()
+    blocks = [Block(f"{of}_at_start", "sum", f"{of}e0", (), f"{of}min", f"{of}max")]  # a dispatch beyond them is told
     for side, limit, bounds in (("above", f"{of}max", (None, 0.0)), ("below", f"{of}min", (0.0, None))):
         room = f"{of}_room_{side}"
         blocks += [

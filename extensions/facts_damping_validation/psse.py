@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 SOURCE = "PSS/E (PowerSimulationsDynamics.jl)"
 TOLERANCE = 0.01  # of the swing
+INSTANT = 1e-4  # s, within which a sample is at an instant: PSS/E counts time in single precision
 COMMAND = "facts-damping import CASE.raw CASE.dyr"
 REFERENCE_STEP = {"kind": "exciter_input", "name": "reference", "setpoint_max": 1.0, "rate_max": 1000.0}
 
@@ -61,10 +62,14 @@ class Column(NamedTuple):
 
 
 class Deviation(NamedTuple):
-    """A known deviation of a column: what it may be at most, and why it is more than `TOLERANCE`."""
+    """A known deviation of a column: what it may be at most, why it is more than `TOLERANCE`; from when on it counts.
+
+    `after`: that time after the event, s.
+    """
 
     tolerance: float
     cause: str
+    after: float = 0.0
 
 
 class Case(NamedTuple):
@@ -81,6 +86,7 @@ class Case(NamedTuple):
     loads: str = "P: impedance, Q: impedance"
     steps: float | None = None
     active: str = ""
+    open: str = ""
     deviations: dict[str, Deviation] = {}  # noqa: RUF012 (never changed)
 
 
@@ -125,14 +131,28 @@ def _parts(row: dict[str, Any], apart: bool) -> list[dict[str, Any]]:
 
 
 def _pmus(case: Case, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """A PMU for each element that one measures; one at all events, as a system needs it."""
+    """A PMU for each element that one measures; one at all events, as a system needs it.
+
+    An inverter's power is that in the branches of its bus.
+    """
     pmus: dict[str, dict[str, Any]] = {}
+    inverters = {row["name"]: row["bus"] for row in content.get("inverters", ())}
+    machines = {row["name"] for row in content.get("machines", ())}
     for column in case.columns:
         bus, _, branch = column.element.partition("-")
-        at = {"bus": bus, "branches": [branch]} if branch else {"bus": bus}
-        machine = any(row["name"] == column.element for row in content.get("machines", ()))
-        pmus[column.element] = {"name": column.element} | ({"machine": bus} if machine else at)
+        at: dict[str, Any] = {"bus": inverters.get(bus, bus)}
+        if bus in inverters:
+            at["branches"] = [
+                row["name"] for row in (*content["lines"], *content.get("transformers", ())) if at["bus"] in _ends(row)
+            ]
+        elif branch:
+            at["branches"] = [branch]
+        pmus[column.element] = {"name": column.element} | ({"machine": bus} if bus in machines else at)
     return pmus
+
+
+def _ends(branch: dict[str, Any]) -> tuple[str, str]:
+    return branch["from"], branch["to"]
 
 
 def trace(case: Case) -> NDArray[np.float64]:
@@ -189,22 +209,30 @@ def traces_in_steps() -> ValidationTable:
 
 def _rows(case: Case) -> list[Row]:
     missing = not_modelled(folder() / case.folder / case.dyr)
-    if missing:
-        cause = f"not modelled: {' '.join(missing)}"
+    if case.open or missing:
+        cause = case.open or f"not modelled: {' '.join(missing)}"
         return [Row(_what(case, column), "", "", "", math.nan, math.nan, cause) for column in case.columns]
     rows = []
     for column, relative in zip(case.columns, _apart(case), strict=True):
-        known = case.deviations.get(f"{column.quantity} {column.element}", Deviation(TOLERANCE, ""))
-        rows.append(Row(_what(case, column), "of the swing", "", "", relative, *known))
+        known = _known(case, column)
+        rows.append(Row(_what(case, column), "of the swing", "", "", relative, known.tolerance, known.cause))
     return rows
 
 
 def _apart(case: Case, *, steps: bool = False) -> list[float]:
     """The greatest deviation of each column, relative to its swing."""
     theirs = trace(case)
-    apart = np.abs(run(case, theirs[:, 0], steps=steps) - theirs[:, 1:]).max(axis=0)
-    swing = np.ptp(theirs[theirs[:, 0] >= case.at, 1:], axis=0)
-    return [float(relative) for relative in apart / swing]
+    times, apart = theirs[:, 0], np.abs(run(case, theirs[:, 0], steps=steps) - theirs[:, 1:])
+    for i, column in enumerate(case.columns):
+        since = times - case.at
+        apart[(since > -INSTANT) & (since < _known(case, column).after - INSTANT), i] = 0.0
+    swing = np.ptp(theirs[times >= case.at, 1:], axis=0)
+    return [float(relative) for relative in apart.max(axis=0) / swing]
+
+
+def _known(case: Case, column: Column) -> Deviation:
+    """The deviation that is known of a column, or that which any may have."""
+    return case.deviations.get(f"{column.quantity} {column.element}", Deviation(TOLERANCE, ""))
 
 
 def _what(case: Case, column: Column) -> str:

@@ -5,7 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.input_files import read_text, share_folder
-from facts_damping_validation import devices, minniwecc, pmus, psse, small_signal, start, time_domain
+from facts_damping_validation import (
+    devices,
+    grid_forming,
+    inverters,
+    minniwecc,
+    pmus,
+    psse,
+    small_signal,
+    start,
+    time_domain,
+)
 from facts_damping_validation.table import summary
 
 if TYPE_CHECKING:
@@ -27,6 +37,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "eigenvalues-others": small_signal.others,
     "modes-nets-nyps": small_signal.nets_nyps,
     "eigenvalues-minniwecc": minniwecc.eigenvalues,
+    "eigenvalues-grid-forming": grid_forming.eigenvalues,
     "transfer-minniwecc": minniwecc.transfer,
     "closed-loops-minniwecc": minniwecc.closed_loops,
     "interarea": small_signal.two_area,
@@ -40,6 +51,8 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "actuators": devices.actuators,
     "time-domain": time_domain.andes,
     "disturbances-minniwecc": minniwecc.disturbances,
+    "inverters": inverters.andes,
+    "disturbances-grid-forming": grid_forming.disturbances,
     "psse": psse.traces,
     "psse-steps": psse.traces_in_steps,
     "psse-files": psse.accepted,

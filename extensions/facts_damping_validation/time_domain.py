@@ -68,9 +68,9 @@ def follow(
     events: Sequence[dict[str, Any]] = (),
     setpoints: Mapping[str, float] | None = None,
     dc_voltage: float | None = None,
-    asked_at: float = 0.0,
+    asked_at: float | Sequence[float] = 0.0,
 ) -> Followed:
-    """What happens at instants (s), with setpoints of devices from `asked_at` (s) on.
+    """What happens at instants (s), with setpoints of devices from `asked_at` (s, of all or of each, rising) on.
 
     `dc_voltage`: p.u., at the start.
     """
@@ -79,11 +79,14 @@ def follow(
     if dc_voltage is not None:
         state.x[[name.endswith(".vdc") for name in built.state_names]] = dc_voltage
     work, asked = workspace(built.plant, state), np.zeros(len(setpoints or ()), SETPOINT)
-    for row, (name, value) in zip(asked, (setpoints or {}).items(), strict=True):
-        row["device"], row["value"], row["effective_ns"] = installed.index(name), value, to_ns(asked_at)
+    for row, at, (name, value) in zip(
+        asked, np.broadcast_to(asked_at, len(asked)), (setpoints or {}).items(), strict=True
+    ):
+        row["device"], row["value"], row["effective_ns"] = installed.index(name), value, to_ns(float(at))
     followed, now = unwritten(system, len(installed), len(times)), 0
     for k, time in enumerate(times):
-        advance(built.plant, state, now, to_ns(time), asked, len(asked) if now <= to_ns(asked_at) else 0, work)
+        coming = asked[asked["effective_ns"] >= now]
+        advance(built.plant, state, now, to_ns(time), coming, len(coming), work)
         now = to_ns(time)
         measure(built.plant, state, now, followed.frames[k], followed.machines[k], followed.devices[k], work)
     return followed

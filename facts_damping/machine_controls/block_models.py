@@ -24,7 +24,10 @@ _COUNTS = {
     *("SWITCH", "CSWITCH", "SW1", "JBUS", "JM", "IC", "IC2", "IB", "IB2", "M", "N"),
     *("UEL", "OEL", "SCL", "VOS", "IBLOCK", "CKT"),
 }
-_NO_TIMES = {"TATB", "THETAP", "T1T3", "T2T4", "TMAX", "TMIN", "Thld"}
+_NO_TIMES = {
+    *("TATB", "THETAP", "T1T3", "T2T4", "TMAX", "TMIN", "Thld"),
+    *("Theta0", "TetaMax", "TetaMin", "Temax", "Temin", "TRATE"),
+}
 
 
 def quantity_of(name: str) -> Quantity:

@@ -39,6 +39,7 @@ class Block(NamedTuple):
     high_of: str = "one"
     hold: str = "none"  # the signal that holds its states while it is 1
     when: Callable[[Any], bool] | None = None  # whether fields ask for it; blocks of one name are alternatives
+    start: float | None = None  # of its state, where no equation of the start says otherwise
 
 
 class Source(NamedTuple):

@@ -455,7 +455,7 @@ EXPECTED: list[tuple[str, str, Callable[[complex, Any], complex]]] = [
 
 
 def test_table_of_transfer_functions_covers_all_control_models() -> None:
-    assert {model for model, _, _ in EXPECTED} == set(MODELS) == set(DATA)
+    assert {model for model, _, _ in EXPECTED} == set(BLOCK_CONTROLS) == set(DATA)
 
 
 @pytest.mark.parametrize(("model", "signals", "expected"), EXPECTED)
@@ -470,7 +470,7 @@ def test_control_is_the_transfer_function_of_its_standard(
         assert response(other, signals, s) == pytest.approx(expected(s, other), rel=1e-5, abs=1e-7)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", BLOCK_CONTROLS)
 def test_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
     """But for those that need one: of a loop, of an integrator."""
     needed = {"T3", "TA", "TE", "TM", "TF1", "TG"}
@@ -482,7 +482,7 @@ def test_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
 
 
 def test_control_models_start_at_rest_within_their_limits() -> None:
-    for model in MODELS:
+    for model in BLOCK_CONTROLS:
         data = control_of(model)
         control, rest = at_rest(data)
         assert rest.violations == []
@@ -563,12 +563,12 @@ def test_invalid_data_of_a_control_model_are_refused() -> None:
     _, rest = at_rest(control_of("IEEEX1", VRMAX=1.0))
     (violation,) = rest.violations
     assert str(violation).startswith("exciters: G1: IEEEX1: VR is ")
-    assert str(violation).endswith(" p.u. at the start; allowed by its limits: -10 to 1")
+    assert str(violation).endswith(" p.u. at the start; allowed by its limits: -10 to 1 (VRMAX)")
     assert (violation.field, violation.wanted) == ("VRMAX", violation.value)
 
 
 def test_blocks_fit_into_their_rows() -> None:
-    for model in MODELS:
+    for model in BLOCK_CONTROLS:
         control = block_controls.control(control_of(model))
         assert control.rows["inputs"].max() <= blocks.MAX_INPUTS
         assert len(set(control.states)) == len(control.states)

@@ -12,6 +12,7 @@ import pytest
 from facts_damping.devices.table import KINDS as TABLE
 from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.converters import dispatch
+from tests.plant.inverters import following
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "load_modulation": {"bus": "B9", "pf": 0.6, **LIMITS},
     "tcsc": {"line": "line_2", "X": 0.004, "X_min": 0.0, "X_max": 0.1, **LIMITS},
     "exciter_input": {"machine": "G1", **LIMITS},
+    "inverter_input": {"inverter": "I1", "input": "Vplant", **LIMITS},
     "csvgn1": {"bus": "B9", "MBASE": 300.0, "CBASE": 200.0, "Q": 40.0, "K": 8.0, "T3": 0.15, "T5": 0.02, **LIMITS},
     "bess": {"bus": "B9", "S_rated": 60.0, "E_rated": 30.0, "K": 40.0, **LIMITS},
 }
@@ -39,11 +41,12 @@ SECOND: dict[str, dict[str, Any]] = {
     "load_modulation": {"bus": "B7", "pf": 0.5, "V_min": 0.8, **LIMITS},
     "tcsc": {"line": "line_3", "X": 0.002, "X_min": -0.05, "X_max": 0.1, "T": 0.02, **LIMITS},
     "exciter_input": {"machine": "G3", **LIMITS},
+    "inverter_input": {"inverter": "I2", "input": "Qplant", **LIMITS},
     "csvgn1": {"bus": "B7", "MBASE": 200.0, "CBASE": 80.0, "K": 9.0, "T1": 0.1, "T3": 0.2, "T5": 0.01, **LIMITS},
     "bess": {"bus": "B7", "S_rated": 40.0, "E_rated": 0.1, "K": 30.0, "eta_in": 0.8, **LIMITS},
 }
 KINDS = list(TABLE)
-IN_GRID = [kind for kind in KINDS if kind != "exciter_input"]  # with a port
+IN_GRID = [kind for kind in KINDS if not kind.endswith("_input")]  # with a port
 STEP = {"time": 0.2, "kind": "load_step", "load": "load_2", "change": -0.05}
 
 
@@ -53,7 +56,10 @@ def system(name: str = "two_area") -> System:
     rows = [{"name": f"{kind}_1", "kind": kind, **ROWS[kind]} for kind in KINDS]
     rows += [{"name": f"{kind}_2", "kind": kind, **SECOND[kind]} for kind in KINDS]
     shipped_rows = [d.model_dump(by_alias=True) for d in shipped(name).devices if d.kind == "sssc"]
-    return place(changed(shipped(name), devices=[*shipped_rows, *rows]))
+    two = [following("I1", "B6", 60.0, Q=10.0), following("I2", "B10", 40.0, Q=5.0, rating=80.0)]
+    inverters, controls = [row for row, _ in two], [control for _, pair in two for control in pair]
+    tables = {"inverters": inverters, "inverter_controls": controls, "devices": [*shipped_rows, *rows]}
+    return place(changed(shipped(name), **tables))
 
 
 def states_of(built: Built, name: str) -> list[int]:

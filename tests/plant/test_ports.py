@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 
 from facts_damping.devices.table import KINDS
 from facts_damping.parameters.plant.placement import place
-from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
+from facts_damping.plant.converters.site import DEVICE, INVERTER, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.laws import law
 from facts_damping.plant.model import copy, workspace
 from tests.plant.channels import ACTIVE, REACTIVE, VOLTAGE
+from tests.plant.inverters import following
 from tests.plant.running import changed, follow, frame_times, moved, plant, shipped, slopes
 from tests.plant.small import SPUR, between_infinite_buses
 from tests.plant.test_properties import branches, everywhere
@@ -74,6 +75,7 @@ TCSC = {
     "setpoint_max": 0.1,
     "rate_max": 1.0,
 }
+AT_INVERTER = {"name": "at_inverter", "kind": "inverter_input", "inverter": "I1", "input": "Vplant"}
 INPUT = {"name": "input", "kind": "exciter_input", "machine": "G2"}  # without a port
 BESS = {
     "name": "bess",
@@ -293,13 +295,15 @@ def of_all_kinds() -> Built:
     machines = [{**m.model_dump(), "Xq2": 0.22 if m.name == "G3" else 0.25} for m in system.machines]
     mixed = {"impedance": 0.2, "current": 0.5, "power": 0.3}
     loads = [{**load.model_dump(), "P_fractions": mixed, "Q_fractions": {"power": 1.0}} for load in system.loads]
-    added = SVC, HVDC, MODULATION, BESS, TCSC, INPUT, COMPENSATOR
+    added = SVC, HVDC, MODULATION, BESS, TCSC, INPUT, COMPENSATOR, AT_INVERTER
     devices = [*(d.model_dump(by_alias=True) for d in system.devices), *added]
     names = [device["name"] for device in devices]
-    return plant(place(changed(system, machines=machines, loads=loads, devices=devices)), installed=names)
+    inverter, controls = following("I1", "B6", 60.0, Q=10.0)
+    tables = {"machines": machines, "loads": loads, "inverters": [inverter], "inverter_controls": controls}
+    return plant(place(changed(system, **tables, devices=devices)), installed=names)
 
 
-@pytest.mark.parametrize("p", range(12))
+@pytest.mark.parametrize("p", range(13))
 @settings(deadline=None, max_examples=80)
 @given(
     magnitude=st.one_of(st.floats(0.05, 9.9), st.floats(10.1, 15)),  # below and above the SSSC's rated current
@@ -312,9 +316,9 @@ def test_slopes_of_every_port_are_those_of_its_law(
 ) -> None:
     """The derivative (2, 2) of the source by the response against central differences, away from kinks."""
     built = of_all_kinds()
-    assert set(built.plant.ports["kind"]) == {SALIENT, LOAD, DEVICE, OTHER_END}
+    assert set(built.plant.ports["kind"]) == {SALIENT, LOAD, DEVICE, OTHER_END, INVERTER}
     assert set(built.plant.devices["kind"]) == set(range(len(KINDS)))
-    assert len(built.plant.ports) == 12
+    assert len(built.plant.ports) == 13
     work, x = workspace(built.plant, built.state), np.array(built.state.x)
     for name, value in zip(("sssc.x_ac", "sssc.vdc", "statcom.iq", "svc.B"), moved, strict=True):
         x[built.state_names.index(name)] += value

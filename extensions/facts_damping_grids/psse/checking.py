@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.parameters.field_errors import FieldError, field_errors
 from facts_damping.parameters.plant.system import System
+from facts_damping_grids.control_limits import control_key
 from facts_damping_grids.notes import Note
 
 if TYPE_CHECKING:
@@ -49,17 +50,17 @@ def check_possible(content: Mapping[str, Any], origins: Origins, problems: Probl
 
 
 def _place(error: FieldError, content: Mapping[str, Any]) -> tuple[str, str, str]:
-    """Table, name of the row (the machine of a control) and field of an error; the last two are empty for others."""
+    """Table, key of the row (the machine of a control) and field of an error; the last two are empty for others."""
     match = re.fullmatch(r"(\w+)\.(\d+)\.?(.*)", error.field)
     if match is None:
         return error.field, "", ""
     row = content[match[1]][int(match[2])]
-    return match[1], str(row.get("name", row.get("machine"))), match[3]
+    return match[1], control_key(row), match[3]
 
 
 def _where(table: str, name: str, field: str, origins: Origins) -> str:
     """Where a row comes from: file, line and model, if they are known, else its table and name."""
-    table = "generator" if table == "machines" and field in OF_GENERATOR else table
+    table = "generator" if table in ("machines", "inverters") and field in OF_GENERATOR else table
     return origins.get((table, name), ": ".join(part for part in (table, name) if part))
 
 

@@ -60,7 +60,7 @@ def with_effect(
     These are not modelled, have nothing to act on, or lack constants.
     """
     acting = []
-    excited = not classical and any(role_of(record.model) == "exciter" and not _lack(record) for record in records)
+    excited = not classical and any(role_of(record.model) == "exciter" and not lack(record) for record in records)
     for record in records:
         role, reason = role_of(record.model), ""
         outcome: Outcome = "left out"
@@ -73,7 +73,7 @@ def with_effect(
         elif role in ("stabiliser", "compensator") and not excited:
             reason = "has no exciter to act on"
         else:
-            reason = _lack(record)
+            reason = lack(record)
         if not reason:
             acting.append(record)
             continue
@@ -82,10 +82,16 @@ def with_effect(
     return sorted(acting, key=lambda record: role_of(record.model) != "exciter")
 
 
-def _lack(record: Dynamic) -> str:
+def lack(record: Dynamic) -> str:
     """What a control that is modelled lacks in its record; empty: nothing."""
     order, optional = fields_of(record.model)
     return f"has {len(record.values)} of {len(order.split())} constants" if is_short(record, order, optional) else ""
+
+
+def constants_of(record: Dynamic, file: str) -> Row:
+    """The constants of a control that is modelled by their names. Raises `InputError` if one is no number."""
+    order, optional = fields_of(record.model)
+    return constants(record, order, file, optional)
 
 
 def add_control(record: Dynamic, unit: Unit, file: str, controls: dict[str, list[Row]], notes: list[str | Note]) -> str:
@@ -93,8 +99,7 @@ def add_control(record: Dynamic, unit: Unit, file: str, controls: dict[str, list
 
     Raises `InputError` if a constant is no number, or the machine has such a control already.
     """
-    order, optional = fields_of(record.model)
-    fields = constants(record, order, file, optional)
+    fields = constants_of(record, file)
     if record.model in COMPENSATORS:
         for row in controls["exciters"]:
             if row["machine"] == unit.name:
@@ -110,12 +115,12 @@ def add_control(record: Dynamic, unit: Unit, file: str, controls: dict[str, list
             text = "GMIN is raised to 0.001: the flow is divided by the gate"
             notes.append(of_record(record, unit.name, file, text))
     else:
-        notes += _adapted(row, record, unit, file)
+        notes += adapted(row, record, unit, file)
     controls[table].append(row)
     return table
 
 
-def _adapted(row: Row, record: Dynamic, unit: Unit, file: str) -> list[Note]:
+def adapted(row: Row, record: Dynamic, unit: Unit, file: str) -> list[Note]:
     """Change constants that PSS/E or our blocks take otherwise than as they stand; notes of what acts otherwise."""
     asked = MODELS[record.model].approximations.items()
     texts = [text for text, by_fields in asked if by_fields(SimpleNamespace(**row))]

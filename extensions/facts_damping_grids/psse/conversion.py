@@ -73,7 +73,7 @@ def convert(
         dynamics = typical_dynamics(units)
         notes += [_typical(unit) for unit in units]
     else:
-        dynamics = dynamics_of(case, units, dyr, dyr_name, notes, problems)
+        dynamics = dynamics_of(case, grid, units, dyr, dyr_name, notes, problems)
     problems.check()
     flow = solve(System.model_validate(at_buses))
     rows = placed(units, dynamics, generators.terminals(flow, units), voltages, case, grid.buses, notes)

@@ -1,4 +1,4 @@
-"""Records of a DYR file as what stands for each generator: machine and controls, device, source, constant current."""
+"""Records of a DYR file as what stands for each generator: machine, inverter, device, source, or constant current."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.machine_controls.blocks import TABLES
 from facts_damping.output.tables import some_of
+from facts_damping_grids.control_limits import control_key
 from facts_damping_grids.matpower_conversion import TYPICAL
 from facts_damping_grids.notes import Note
 from facts_damping_grids.psse import controls
 from facts_damping_grids.psse.devices import DEVICES, device_of
-from facts_damping_grids.psse.effects import EFFECTS, SOURCE, effect_of, family, of_record
+from facts_damping_grids.psse.effects import EFFECTS, INVERTERS, SOURCE, effect_of, family, of_record
 from facts_damping_grids.psse.generators import identifier
+from facts_damping_grids.psse.inverters import inverter_of
 from facts_damping_grids.psse.machines import MACHINES, is_source, machine_of
 from facts_damping_grids.psse.reading import Dynamic
 from facts_damping_grids.psse.report import OTHER
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 
     from facts_damping_grids.problems import Problems
     from facts_damping_grids.psse.generators import Unit
+    from facts_damping_grids.psse.network import Network
     from facts_damping_grids.psse.reading import Dyr, RawCase
     from facts_damping_grids.psse.records import Row
 
@@ -28,12 +31,13 @@ if TYPE_CHECKING:
 
 
 class Dynamics(NamedTuple):
-    """By names of units: constants of machines, fields of devices, infinite sources, constant currents, typical data.
+    """By names of units: constants of machines and inverters, fields of devices, infinite sources, constant currents.
 
-    And controls of machines by table, and by table and machine where a row comes from: file, line, model.
+    And which have typical data, controls by table, and by table and key where a row comes from: file, line, model.
     """
 
     machines: dict[str, Row]
+    inverters: dict[str, Row]
     devices: dict[str, Row]
     sources: list[str]
     currents: list[str]
@@ -45,14 +49,21 @@ class Dynamics(NamedTuple):
 def typical_dynamics(listed: Sequence[Unit]) -> Dynamics:
     """A case without DYR file: machines with typical data."""
     names = [unit.name for unit in listed]
-    return Dynamics({name: dict(TYPICAL) for name in names}, {}, [], [], names, {}, {})
+    return Dynamics({name: dict(TYPICAL) for name in names}, {}, {}, [], [], names, {}, {})
 
 
 def dynamics_of(
-    case: RawCase, listed: Sequence[Unit], dyr: Dyr, file: str, notes: list[str | Note], problems: Problems
+    case: RawCase,
+    grid: Network,
+    listed: Sequence[Unit],
+    dyr: Dyr,
+    file: str,
+    notes: list[str | Note],
+    problems: Problems,
 ) -> Dynamics:
     """What the records of a DYR file make of the units; `file`: its name."""
-    dynamics = Dynamics({}, {}, [], [], [], {table: [] for table in TABLES.values()}, {})
+    tables: dict[str, list[Row]] = {table: [] for table in TABLES.values() if table != "inverters"}
+    dynamics = Dynamics({}, {}, {}, [], [], [], tables, {})
     for line, text in dyr.unread:
         alone = f"{file}: line {line}: {text} ... is no record of a machine: left out"
         common = f"{file}: no records of machines: left out"
@@ -67,6 +78,8 @@ def dynamics_of(
             dynamics.sources.append(unit.name)
             text = "acts on an infinite source, which stays as it is: left out"
             notes += [of_record(other, unit.name, file, text, "idle") for other in more]
+        elif controls.role_of(record.model) == "inverter":
+            _add_inverter(dynamics, record, more, unit, grid, file, notes, problems)
         elif record.model in DEVICES:
             dynamics.origins["devices", unit.name] = f"{record.where(file)}: of {unit.name}"
             with problems.collected():
@@ -85,10 +98,32 @@ def dynamics_of(
     return dynamics
 
 
+def _add_inverter(
+    dynamics: Dynamics,
+    record: Dynamic,
+    others: Sequence[Dynamic],
+    unit: Unit,
+    grid: Network,
+    file: str,
+    notes: list[str | Note],
+    problems: Problems,
+) -> None:
+    """Add an inverter with its controls, or the constant current that stands for it."""
+    inverter = inverter_of(record, others, unit, grid, file, notes, problems)
+    if inverter is None:
+        dynamics.currents.append(unit.name)
+        return
+    dynamics.inverters[unit.name] = inverter.converter
+    dynamics.controls["inverter_controls"] += [row for row, _ in inverter.controls]
+    dynamics.origins["inverters", unit.name] = f"{record.where(file)}: of {unit.name}"
+    for row, other in inverter.controls:
+        dynamics.origins["inverter_controls", control_key(row)] = f"{other.where(file)}: of {unit.name}"
+
+
 def _by_unit(
     case: RawCase, listed: Sequence[Unit], dyr: Dyr, file: str, notes: list[str | Note], problems: Problems
 ) -> tuple[dict[str, Dynamic], Records]:
-    """The record of each unit that is a machine's or a device's, and its other records."""
+    """The record of each unit that is a machine's, an inverter's or a device's, and its other records."""
     by_place = {(unit.bus, unit.machine): unit for unit in listed}
     in_case = {(int(row["I"]), identifier(row["ID"])) for row in case.tables["generator"]}
     models, others = dict[str, Dynamic](), dict[str, list[Dynamic]]()
@@ -97,7 +132,7 @@ def _by_unit(
         unit = by_place.get(place)
         if unit is None:
             notes.append(_without_machine(record, file, out_of_service=place in in_case))
-        elif record.model not in MACHINES and record.model not in DEVICES:
+        elif not _is_unit(record.model):
             others.setdefault(unit.name, []).append(record)
         elif unit.name in models:
             which = f"machine {record.machine} at bus {record.bus}"
@@ -105,6 +140,11 @@ def _by_unit(
         else:
             models[unit.name] = record
     return models, others
+
+
+def _is_unit(model: str) -> bool:
+    """Whether a model is that of a unit, not of a control."""
+    return model in MACHINES or model in DEVICES or controls.role_of(model) == "inverter"
 
 
 def _without_machine(record: Dynamic, file: str, *, out_of_service: bool) -> Note:
@@ -119,10 +159,10 @@ def _without_machine(record: Dynamic, file: str, *, out_of_service: bool) -> Not
 
 def _as_current(unit: Unit, records: Sequence[Dynamic], file: str) -> list[Note]:
     """Notes on a unit that becomes a constant current: by models of an inverter, or for want of a machine."""
-    inverter = any(family(record.model) == "inverter" for record in records)
+    inverter = any(family(record.model) in INVERTERS for record in records)
     notes = []
     for record in records:
-        if family(record.model) == "inverter":
+        if family(record.model) in INVERTERS:
             text = "a constant current stands for the inverter"
             notes.append(of_record(record, unit.name, file, text, "replaced", SOURCE))
             continue

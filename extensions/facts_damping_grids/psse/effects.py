@@ -19,13 +19,19 @@ EFFECTS = {
     "governor": "its mechanical power stays: frequency settles elsewhere",
     "exciter": "its field voltage stays: voltages sag further and swings are damped otherwise",
     "inverter": SOURCE,
+    "electrical control": SOURCE,
+    "plant control": "its references stay: no control of the plant's voltage, power or frequency",
+    "wind turbine": "the speed of its turbine stays, and what the wind gives",
     "relay": "it trips nothing",
     "load": "the load depends on voltage as the power flow's load does",
     "other": "what it does is missing",
 }
 # Models of the PSS/E library by what they are for; the first that matches counts.
 FAMILIES = {
-    "inverter": r"REG(C|FM)|REEC|REPC|WT[1-4]|WT(GT|DT|AR|PT|TQ)|PV[GDE]|GEWT|DER_?A|GFM|GD?FORM",
+    "inverter": r"REG(C|FM)|WT[1-4]|PV[GDE]|GEWT|DER_?A|GFM|GD?FORM",
+    "electrical control": r"REEC",
+    "plant control": r"REPC",
+    "wind turbine": r"WT(GT|GA|GP|DT|AR|PT|TQ)",
     "limiter": r"MAXEX|MINEX|MNLEX|UEL|OEL|SCL",
     "compensator": r"IEEEVC|(RE)?M?COMP|CCOMP",
     "stabiliser": r"PSS|STAB|IEEEST|ST2CUT|IVOST|OSTB|PTIST|STBSVC",
@@ -34,6 +40,7 @@ FAMILIES = {
     "relay": r"DIST|CIROS|VTG|FRQ|LOE|RELAY|SLLP|SLNOS|UVLS|UFLS|LDS|LVS|TIOCR",
     "load": r"CMLD|CLOD|IEEL|LDFR|ACMT|CIM|CMOT|CIMTR",
 }
+INVERTERS = ("inverter", "electrical control", "plant control", "wind turbine")  # families of records of an inverter
 OF_FAMILY = {family: re.compile(pattern) for family, pattern in FAMILIES.items()}
 
 

@@ -5,6 +5,7 @@ What no equation can be made of is collected as problems, each with file and lin
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.numerics.matrices import parts
@@ -99,6 +100,19 @@ def _check_buses(case: RawCase, problems: list[str]) -> None:
                 n = record[key]
                 if abs(int(n)) not in known or (n == 0.0 and key != "K"):
                     problems.append(f"{case.where(section, record)}: {key} = {n:g} given; allowed: a bus")
+
+
+def branch_between(grid: Network, first: int, second: int, circuit: str) -> str | None:
+    """The name of the line, switch or transformer of two windings between buses; None: there is none in service."""
+    mark = re.sub(r"[^A-Za-z0-9]", "", circuit)
+    for row in (*grid.lines, *grid.transformers):
+        ends = [row["from"], row["to"]]
+        if set(ends) == {f"B{first}", f"B{second}"}:
+            stem = "_".join(end[1:] for end in ends)
+            _, _, rest = str(row["name"]).partition(stem)
+            if rest.lstrip("_") == ("" if mark == "1" else mark):
+                return str(row["name"])
+    return None
 
 
 # Lines and shunts

@@ -1,8 +1,8 @@
 """Units of a case as rows of a system, at their place in the solved power flow.
 
-A machine stands at its bus, or behind its step-up transformer. An infinite source is an infinite bus behind its
-impedance ZSORCE: a transformer, as no line of the grid is there, at which a device could be placed. A constant current
-is a load of negative power. A device gives its reactive power at the start.
+A machine or an inverter stands at its bus, or behind its step-up transformer. An infinite source is an infinite bus
+behind its impedance ZSORCE: a transformer, as no line of the grid is there, at which a device could be placed. A
+constant current is a load of negative power. A device gives its reactive power at the start.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.errors import InputError
+from facts_damping.machine_controls.block_models import MODELS
 from facts_damping_grids.notes import Note
 from facts_damping_grids.psse.devices import at_rest
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 LEAST_REACTANCE = 1e-6  # p.u. of the rating, of an infinite source without one
 CURRENT = {"current": 1}
 NOTHING = 1e-6  # MW
+DIGITS = 9  # of a power in MW behind the point, which a power flow leaves
 
 
 class Placed(NamedTuple):
@@ -34,6 +36,7 @@ class Placed(NamedTuple):
     loads: list[Row]
     infinite_buses: list[Row]
     machines: list[Row]
+    inverters: list[Row]
     devices: list[Row]
 
 
@@ -56,7 +59,7 @@ def placed(
     notes: list[str | Note],
 ) -> Placed:
     """Rows of all units, so that the power flow stays what it was with machines at their buses."""
-    rows, places = Placed([], [], [], [], [], []), list[_Place]()
+    rows, machines, inverters = Placed([], [], [], [], [], [], []), list[_Place](), list[_Place]()
     for unit in listed:
         terminal, record = terminals[unit.name], unit.row
         if unit.name in dynamics.currents:
@@ -67,16 +70,22 @@ def placed(
             place = _step_up(place, case, rows)
         if unit.name in dynamics.sources:
             _add_source(place, case, rows, 1.0 if place.behind else buses[unit.bus]["BASKV"] or 1.0)
+        elif unit.name in dynamics.inverters:
+            inverters.append(place)
         elif unit.name in dynamics.devices:
             _add_device(place, dynamics, case, rows, notes)
         else:
-            places.append(place)
-    if not places and not rows.infinite_buses:
-        count = f"{len(listed)} given that become {'devices or ' if rows.devices else ''}constant currents"
+            machines.append(place)
+    forming = [place for place in inverters if _forms(dynamics.inverters[place.unit.name])]
+    if not (machines or forming or rows.infinite_buses):
+        others = [word for word, some in (("inverters", inverters), ("devices", rows.devices)) if some]
+        count = f"{len(listed)} given that become {' or '.join([*others, 'constant currents'])}"
         raise InputError(f"generator: {count}; allowed: at least one machine or infinite source among them")
-    slack = None if rows.infinite_buses else _slack(places, buses)
-    together = [place.bus for place in places]
-    for place in places:
+    slack = None if rows.infinite_buses else _slack(machines or forming, buses)
+    for place in inverters:
+        rows.inverters.append(_inverter(place, dynamics, case, is_slack=place is slack))
+    together = [place.bus for place in machines]
+    for place in machines:
         unit, base = place.unit, case.base_power
         V = abs(place.terminal.voltage) if place.behind else voltages[unit.bus]
         power = place.terminal.power * base
@@ -88,6 +97,23 @@ def placed(
     return rows
 
 
+def _forms(row: Row) -> bool:
+    """Whether an inverter forms the grid."""
+    source = MODELS[row["model"]].source
+    return source is not None and source.forming
+
+
+def _inverter(place: _Place, dynamics: Dynamics, case: RawCase, *, is_slack: bool) -> Row:
+    """An inverter, which gives its power in the power flow or, as the slack, holds its voltage there."""
+    unit, terminal = place.unit, place.terminal
+    power = terminal.power * case.base_power
+    start: Row = {"P": round(power.real, DIGITS), "Q": round(power.imag, DIGITS)}
+    if is_slack:
+        start = {"V": abs(terminal.voltage), "slack": True, "angle": terminal.angle}
+    fields = dynamics.inverters[unit.name]
+    return {"name": unit.name, "bus": place.bus, "rating": unit.rating, **start, **fields}
+
+
 def _current(unit: Unit, bus: str, power: complex) -> Row:
     """A constant current that gives a power, MVA."""
     row: Row = {"name": f"current_{unit.name}", "bus": bus, "P": -power.real, "Q": -power.imag}
@@ -95,7 +121,7 @@ def _current(unit: Unit, bus: str, power: complex) -> Row:
 
 
 def _slack(places: Sequence[_Place], buses: Mapping[int, Row]) -> _Place:
-    """The largest machine at a bus of type 3, or of all if there is none left there."""
+    """The largest unit at a bus of type 3, or of all if there is none left there."""
     at_reference = [place for place in places if buses[place.unit.bus]["IDE"] == 3]
     return max(at_reference or places, key=lambda place: place.unit.rating)
 

@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 
 THRESHOLD = 1e-4  # p.u., reactance up to which a branch without resistance is a zero-impedance line (THRSHZ)
 MULTIPLE = {"transformer": TRANSFORMER, "two-terminal dc": DC_LINE}  # sections whose records have several lines
+# Other names of models.
+SYNONYMS = {"REGFM_A1": "REGFMA1", "REGFM_B1": "REGFMB1", "REGFMB1U": "REGFMB1", "DERAU1": "DERA1", "WTGA1": "WTARA1"}
+CIRCUIT = 3  # place of a circuit among the constants of a plant control
 # The version in a comment, as programs write it: `PSS/E-33.2`, `PSS(R)E 33 RAW`, `PSS(R)E 15-23 RAW`.
 _WRITTEN_BY = re.compile(r"PSS\W{0,5}(?:R\W{0,3})?E\W{0,3}(?:15-)?(\d\d)\b")
 _BEGINS = re.compile(r"""\s*\d+[\s,]+(['"])\s*[A-Za-z]\w*\s*\1""")  # a record of a DYR file
@@ -71,6 +74,7 @@ class Dynamic(NamedTuple):
     """A record: the line where it begins, the machine (bus and identifier), the model and its constants.
 
     A constant that is no number, as some models have them, is not a number here; `unreadable` tells the first one.
+    `circuit`: of the branch that a plant control monitors; it may be any text, which is 0 among the constants.
     """
 
     line: int
@@ -79,6 +83,7 @@ class Dynamic(NamedTuple):
     machine: str
     values: tuple[float, ...]
     unreadable: str = ""
+    circuit: str = ""
 
     def where(self, file: str) -> str:
         """File, line and model, for a message."""
@@ -280,7 +285,11 @@ def _dynamic(words: list[str], line: int) -> Dynamic | None:
         return None
     if model == "USRMDL" and constants and math.isnan(number(constants[0])):
         model, constants = constants[0].strip("'\" ").upper(), constants[7:]  # behind six counts
+    model, circuit = SYNONYMS.get(model, model), ""
+    if model.startswith("REPC") and len(constants) > CIRCUIT:
+        circuit = constants[CIRCUIT].strip("'\" ")
+        constants = [*constants[:CIRCUIT], "0", *constants[CIRCUIT + 1 :]]
     numbers = tuple(number(text) for text in constants)
     bad = next((i for i, value in enumerate(numbers) if math.isnan(value)), None)
     unreadable = "" if bad is None else f"value {bad + 1}: {short(constants[bad])} given; allowed: a number"
-    return Dynamic(line, int(words[0]), model, words[2].strip("'\" ") or "1", numbers, unreadable)
+    return Dynamic(line, int(words[0]), model, words[2].strip("'\" ") or "1", numbers, unreadable, circuit)

@@ -21,7 +21,7 @@ ROW = Model(
     (
         *measured(),
         *SUPPORT,
-        Block("supported", "after", "dip", (lambda f: abs(f.Thld),)),
+        Block("supported", "after", "dip", (lambda f: abs(f.Thld),), start=0.0),
         Block("in_support", "product", "supported + Iqv", when=lambda f: f.Thld <= 0.0),
         Block("in_support", "product", "dip + Iqv", when=lambda f: f.Thld > 0.0),
         Block("Iqinj", "sum", "in_support", when=lambda f: f.Thld <= 0.0),
@@ -32,7 +32,7 @@ ROW = Model(
         *table("q", 4),
         *table("p", 4),
         *limits(ip="Ip_limit"),
-        Block("recovering", "after", "dip", ("Thld2",)),
+        Block("recovering", "after", "dip", ("Thld2",), start=0.0),
         Block("limit_held", "sum", "recovering - dip"),
         Block("Ipmax", "lag", "Ip_limit", (1.0, SHORTEST), hold="limit_held", when=lambda f: f.Thld2 > 0.0),
         Block("Ipmax", "sum", "Ip_limit", when=lambda f: f.Thld2 == 0.0),

@@ -37,7 +37,7 @@ ROW = Model(
         Block("Ip", "limiter", "Ip_lag", (), None, 1.0, high_of="LVPL", when=lambda f: f.Lvplsw == 1.0),
         Block("Ip", "sum", "Ip_lag", when=lambda f: f.Lvplsw != 1.0),
         Block(
-            "Iq",
+            "Iq_ahead",
             "servo",
             "- Iqcmd",
             ("Tg", lambda f: -f.Iqrmax if f.Q > 0.0 else -inf, lambda f: -f.Iqrmin if f.Q < 0.0 else inf),
@@ -50,5 +50,5 @@ ROW = Model(
         "FREE": lambda _f: 1e4,  # p.u.: none
         "BACK": lambda f: max(f.Tg / SHORTEST - 1.0, 0.0),
     },
-    source=Source("current", "Ip", "Iq", ("Lvpnt0", "Lvpnt1", "Volim", "Iolim", "Khv")),
+    source=Source("current", "Ip", "Iq_ahead", ("Lvpnt0", "Lvpnt1", "Volim", "Iolim", "Khv")),
 )

@@ -5,10 +5,10 @@
     E = Vcmd (VFlag 0), or a regulator Kpv + Kiv/s of Vcmd - V (VFlag 1); within Emin and Emax
 
 P, Q, V: the terminal's, seen with lags Tpf, Tqf, Tvf. QVFlag 1: Vset is that of the start, or what a plant control
-wants, and Qset is 0; QVFlag 0: this holds for Qset, and Vset stays that of the start. Beyond Imax (0: none) the current keeps its angle and the
-droops run on. Re, Xe: ZSORCE of the machine's data; Td, Te, Tv: lags of the angle, of E, and of E once more (0 in the
-library). Sources: Du et al., Model Specification of Droop-Controlled, Grid-Forming Inverters (REGFM_A1), PNNL-32278;
-order of the record: GridPACK.
+wants, and Qset is 0; QVFlag 0: this holds for Qset, and Vset stays that of the start. Beyond Imax (0: none) the
+current keeps its angle and the droops run on. Re, Xe: ZSORCE of the machine's data; Td, Te, Tv: lags of the angle, of
+E, and of E once more (0 in the library). Sources: Du et al., Model Specification of Droop-Controlled, Grid-Forming
+Inverters (REGFM_A1), PNNL-32278; order of the record: GridPACK.
 """
 
 from __future__ import annotations

@@ -88,7 +88,8 @@ def sense(v: Any, turn: complex, voltage: complex, flowing: complex, s: Float1) 
         turn = complex(voltage.real / size, voltage.imag / size) if size > SMALL else 1.0 + 0j
     power = voltage * flowing.conjugate()
     own_voltage, own_current = voltage * turn.conjugate(), flowing * turn.conjugate()
-    s[VT] = s[VBUS] = s[VCOMP] = size
+    s[VT] = s[VBUS] = size
+    s[VCOMP] = magnitude(voltage - v.compensation * flowing)
     s[PE], s[QE] = power.real, power.imag
     s[PBRANCH], s[QBRANCH] = power.real, power.imag
     s[VD], s[VQ], s[ID], s[IQ] = own_voltage.real, own_voltage.imag, own_current.real, own_current.imag

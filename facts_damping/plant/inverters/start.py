@@ -61,8 +61,9 @@ def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Po
             n, meter = plant_meters[inverter.name]
             row["bus"], row["branch"] = n, n if meter.branches else -1
             sensed |= _at_plant(row, meter, flow, branches)
-        row["compensation"] = sum(complex(getattr(c, "Rc", 0), getattr(c, "Xc", 0)) for c in controls if c.bus)
-        sensed["Vcomp"] = _compensated(row, voltage, sensed)
+        plants = [c for c in controls if hasattr(c, "VCFlag")]
+        row["compensation"] = sum(complex(getattr(c, "Rc", 0), getattr(c, "Xc", 0)) for c in plants)
+        sensed["Vcomp"] = _compensated(row, sensed)
         sensed |= {f"{name}0": sensed[name] for name in ("Vt", "Pe", "Qe", "Vbus", "Vcomp", "Pbranch", "Qbranch")}
         assembled = control(data, *controls, signals=SIGNALS)
         references = [name for name in REFERENCES if name not in assembled.gives and _uses(assembled, name)]
@@ -157,10 +158,8 @@ def _branch_current(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str,
     return complex(sum(times(branch.admittance[end], np.array(ends)))) / float(row["ratio"])
 
 
-def _compensated(row: Any, voltage: complex, sensed: dict[str, float]) -> float:
+def _compensated(row: Any, sensed: dict[str, float]) -> float:
     """|V - (Rc + j Xc) I| of the regulated bus and the monitored branch; of the terminals: the current out of them."""
-    if row["bus"] < 0:
-        return magnitude(voltage)
     flowing = complex(sensed["Pbranch"], -sensed["Qbranch"]) / sensed["Vbus"]
     return magnitude(sensed["Vbus"] - complex(times(row["compensation"], flowing)))
 

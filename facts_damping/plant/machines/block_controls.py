@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 GIVES = {"governor": "Pm", "stabiliser": "Vs", "exciter": "Efd"}
+# Signals of an inverter that no control gives, and what stands for them.
+USUAL = {"Pref": "Pext", "Pm": "Pe0", "pitch": "pitch_start", "speed_reference": "one"}
 # Kinds with direct feedthrough.
 FEEDTHROUGH = {"sum", "lead_lag", "washout", "rate", "second_order", "product", "source", "rectifier", "curve", "after"}
 FILTER_ORDER = 20  # of a ramp-tracking filter, of which the library allows 8
@@ -59,7 +61,7 @@ def control(*models: Any, signals: Signals = MACHINE) -> Control:
     """The rows of a control of one or several models, with their parameters; state indices count from 0.
 
     A block may have the name of a signal, which it then replaces. Raises `InputError` if blocks form an algebraic loop,
-    two of them have one name, or a gain is infinite.
+    two of them have one name, no control gives a signal that they use, or a gain is infinite.
     """
     blocks = list[_Plain]()
     for data in models:
@@ -72,9 +74,12 @@ def control(*models: Any, signals: Signals = MACHINE) -> Control:
     if doubled := sorted({name for name in named if named.count(name) > 1}):
         text = f"two signals {', '.join(doubled)} given; allowed: one control of each sort"
         raise InputError(f"{' and '.join(data.model for data in models)} of {owner(models[0])}: {text}")
-    rename = {"Pref": "Pext"} if "Pext" in signals.known and "Pref" not in named else {}
+    rename = {name: other for name, other in USUAL.items() if "Pext" in signals.known and name not in named}
     blocks = [b._replace(inputs=[(rename.get(name, name), weight) for name, weight in b.inputs]) for b in blocks]
     label = f"{models[0].model} of {owner(models[0])}"
+    used = {name for b in blocks for name in (*dict(b.inputs), b.low_of, b.high_of, b.hold)}
+    if missing := sorted(used - {*named, *signals.known, *signals.measured}):
+        raise InputError(f"{label}: {', '.join(missing)} given by none; allowed: with a control that gives it")
     first = _in_order(blocks, set(signals.known) - set(named))
     rest = [block for block in blocks if block not in first]
     known = {*signals.known, *signals.measured}.difference(named).union(block.name for block in first)
@@ -191,8 +196,8 @@ def _plain(block: Block, data: Any) -> _Plain:
         kind, p, states = "pi", (c[0], c[1]), 1
     elif kind == "dead_band":
         p = (min(c[0], 0.0), max(c[1], 0.0))
-    elif kind == "room":
-        p = (c[0],)
+    elif kind in ("room", "stop"):
+        p, states = (c[0],), int(kind == "stop")
     elif kind == "after":
         p, states = (c[0], SHORTEST), int(c[0] > 0.0)
     elif kind == "angle_lag":

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
 
 TOLERANCE = 1e-10  # p.u., 1/s, residual of the steady state
+FIRM = 1e-6  # weight of a state that has a start of its own
 STEPS = 50  # largest number of iterations from one starting point
 STARTS = (1.0, 3.0, 10.0)  # starting points of all states, times the output: of a rectifier they are far above it
 
@@ -77,18 +78,22 @@ def at_rest(
 ) -> Rest:
     """States and values of the signals `references` for which outputs are as `gives` at steady state.
 
-    It is solved by Newton's method without limits; what these do not determine is as near to the start of the search as
-    can be. Raises `InputError` if there is no steady state.
+    It is solved by Newton's method without limits, but for stops, which rest at 0; what these do not determine is as
+    near to the start of the search as can be. Raises `InputError` if there is no steady state.
     """
     names = [*signals.known, *signals.measured]
     s, at = np.zeros(len(names) + len(block_control.rows)), len(names)
     for name, value in {"one": 1.0, **sensed}.items():
         s[names.index(name)] = value
     free = block_control.rows.copy()
-    freed = free["kind"] != kernel.LIMITER
+    stops = free["kind"] == kernel.STOP
+    freed = (free["kind"] != kernel.LIMITER) & ~stops
     free["low"][freed], free["high"][freed] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["low_of"][freed] = free["high_of"][freed] = kernel.ONE
+    free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["hold"] = kernel.NONE
+    free["p"][stops, 0] = 0.0
+    free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     outputs = [at + block_control.gives.index(name) for name in gives]
     places, n = [names.index(name) for name in references], len(block_control.states)
 
@@ -99,8 +104,13 @@ def at_rest(
         return np.append(dx, s[outputs] - list(gives.values()))
 
     usual = max((abs(value) for value in gives.values()), default=1.0) if signals is MACHINE else 1.0
+    active = {block.name: block for data in models for block in active_blocks(data)}
+    starts = [active[name].start if name in active else None for name in block_control.states] + [None] * len(places)
+    weights = np.array([1.0 if start is None else FIRM for start in starts])
     for scale in STARTS:
-        z = _zero(moves, np.full(n + len(places), scale * usual))
+        begin = np.array([scale * usual if start is None else start for start in starts])
+        begin[free["state"][stops]] = 0.0
+        z = _zero(moves, begin, weights)
         if z is not None:
             break
     else:
@@ -108,14 +118,17 @@ def at_rest(
     return Rest(z[:n], z[n:].tolist(), s, _violations(block_control, models, s, at))
 
 
-def _zero(f: Callable[[Float1], Float1], z: Float1) -> Float1 | None:
-    """Zero of a function by Newton's method from a point on; None: it does not converge."""
+def _zero(f: Callable[[Float1], Float1], z: Float1, weights: Float1) -> Float1 | None:
+    """Zero of a function by Newton's method from a point on; None: it does not converge.
+
+    Of steps that do equally well, it takes that of the least length over the weights.
+    """
     for _ in range(STEPS):
         left = f(z)
         if np.abs(left).max(initial=0.0) < TOLERANCE:
             return z
         slopes = [(f(z + step) - f(z - step)) / (2.0 * step.max()) for step in 1e-6 * np.eye(len(z))]
-        z = z - least_squares(np.array(slopes).T, left)
+        z = z - weights * least_squares(np.array(slopes).T * weights, left)
     return None
 
 

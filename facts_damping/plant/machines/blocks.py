@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Array, Float1
-from facts_damping.elementary import exp, magnitude
+from facts_damping.elementary import cos, exp, magnitude, sin
+from facts_damping.machine_controls.blocks import SHORTEST
 
 # Input signals of blocks from a machine, p.u. of the rating; the blocks' own signals follow.
 SENSED = ("one", "none", "Vt", "omega", "Pe", "Pa", "Vref", "Pref", "Vs", "Ifd", "Vd", "Vq", "Id", "Iq", "Vc", "Vt0")
@@ -26,7 +27,7 @@ ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
     range(13)
 )
 LIMITER, PI, WINDOW, RELAY, SATURATION, QUOTIENT, CURVE, DEAD_TIME = range(13, 21)
-DEAD_BAND, ROOM, AFTER, ANGLE_LAG = range(21, 25)
+DEAD_BAND, ROOM, AFTER, ANGLE_LAG, STOP, MAGNITUDE, SINE, COSINE = range(21, 29)
 # Names of these codes.
 KINDS = (
     "sum",
@@ -54,11 +55,16 @@ KINDS = (
     "room",
     "after",
     "angle_lag",
+    "stop",
+    "magnitude",
+    "sine",
+    "cosine",
 )
 MAX_INPUTS = 5
 POINTS = 10  # of a curve
 NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
 STATELESS = -1
+OVER = 1e-3  # of what is after something: smooth at rest, where it is 0
 TURN = 2.0 * math.pi
 
 BLOCK = np.dtype(
@@ -135,7 +141,8 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
     function, so that they hold at the start, too; pi: K u + x, limited; window: its second input while the first is
     between two constants, else the third; relay: x; saturation: K u + B (u - A)^2 above A; quotient of two; dead_time:
     the sum of its states; dead_band: u beyond two constants, 0 between them; room: sqrt(K^2 - u^2), 0 beyond K; after:
-    1 while u is 1 and for a time after it; angle_lag: x, an angle in rad that never jumps.
+    1 while u is 1 and for a time after it; angle_lag: x, an angle in rad that never jumps; magnitude of the vector of
+    two; sine, cosine of u in rad; stop: x.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -144,7 +151,7 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
         if b.kind == PRODUCT:
             y = s[b.source[0]] * s[b.source[1]]
         elif b.kind == SOURCE:
-            voltage, current = complex(s[VD], s[VQ]), complex(s[ID], s[IQ])
+            voltage, current = complex(s[b.source[0]], s[b.source[1]]), complex(s[b.source[2]], s[b.source[3]])
             y = magnitude(complex(b.p[0], b.p[1]) * voltage + complex(b.p[2], b.p[3]) * current)
         elif b.kind == RECTIFIER:
             y = _rectified(s[b.source[0]], b.p[0] * s[b.source[1]])
@@ -162,8 +169,14 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
             y = u - min(max(u, b.p[0]), b.p[1])
         elif b.kind == ROOM:
             y = math.sqrt(max(0.0, b.p[0] * b.p[0] - u * u))
+        elif b.kind == MAGNITUDE:
+            y = magnitude(complex(b.weight[0] * s[b.source[0]], b.weight[1] * s[b.source[1]]))
+        elif b.kind == SINE:
+            y = sin(u)
+        elif b.kind == COSINE:
+            y = cos(u)
         elif b.kind == AFTER:
-            y = 1.0 if u > 0.5 or (b.state >= 0 and x[b.state] > 0.0) else 0.0
+            y = 1.0 if u > 0.5 or (b.state >= 0 and x[b.state] > OVER) else 0.0
         elif b.state < 0:
             y = _limited(b, b.p[0] * u, s)
         elif b.kind == LEAD_LAG:
@@ -216,7 +229,8 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
     TE dx = u - KE x - SE(x) x; exponential: the same with SE(x) = A exp(B x); integral: dx = K u. States of lag, servo
     and integral stop at their limits. pi: dx = KI u until its output is at a limit; relay: T dx = 1 - x from one
     threshold of u up, -x from the other down, between them to the nearer of both; after: x goes to 1 in no time while u
-    is 1, then falls to 0 in T s; angle_lag: T dx = u - x without whole turns. What is held stands still.
+    is 1, then falls to `OVER` in T s, and is over; angle_lag: T dx = u - x without whole turns; stop: dx = K u, but no
+    faster than to its limits within `SHORTEST`, at one of which it rests. What is held stands still.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -243,9 +257,12 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
             _move_past(b, u, x, dx)
             continue
         elif b.kind == AFTER:
-            slope = (1.0 - state) / b.p[1] if u > 0.5 else (-1.0 / b.p[0] if state > 0.0 else 0.0)
+            slope = (1.0 - state) / b.p[1] if u > 0.5 else (-1.0 / b.p[0] if state > OVER else -state / b.p[1])
         elif b.kind == ANGLE_LAG:
             slope = (u - state - TURN * math.floor((u - state) / TURN + 0.5)) / b.p[0]
+        elif b.kind == STOP:
+            low, high = b.low * s[b.low_of] - state, b.high * s[b.high_of] - state
+            slope = min(max(b.p[0] * u, low / SHORTEST), high / SHORTEST)
         elif b.kind == SECOND_ORDER:
             dx[b.state + 1] = _acceleration(b, u, x)
             slope = x[b.state + 1]
