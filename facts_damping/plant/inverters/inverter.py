@@ -7,6 +7,7 @@ states, and are evaluated before the network is solved; they give the source. Th
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,6 +73,31 @@ def reduced(v: Any, source: complex, size: float) -> tuple[complex, complex]:
         by_voltage = -v.K_high if less > v.I_least else 0.0
         injected = max(less, v.I_least)
     return complex(gain * source.real, -injected), complex(slope * source.real, -by_voltage)
+
+
+@compiled
+def greatest_voltage(v: Any, source: complex, h: complex, without: float) -> float:
+    """Greatest |V| that a source in the direction of its voltage can have, p.u.; -1: there is none.
+
+    V = V0 + h f(|V|) V / |V|, with |V0| `without` the source and `h` its response to a current of 1 p.u. of the rating,
+    asks for | |V| - h f | = |V0|. Between its kinks f is linear, so that this is a quadratic equation.
+    """
+    high, saturated = math.inf, v.V_high + max(0.0, -source.imag - v.I_least) / max(v.K_high, SMALL)
+    while high > 0.0:
+        low = 0.0
+        for kink in (v.V_low, v.V_reduced, v.V_high, saturated):
+            low = max(low, kink) if kink < high else low
+        inside = min(2.0 * low + 1.0, 0.5 * (low + high))
+        value, slope = reduced(v, source, inside) if v.source == CURRENT else (v.admittance * source, 0j)
+        a, b = 1.0 - h * slope, h * (value - slope * inside)
+        square, middle = a.real * a.real + a.imag * a.imag, a.real * b.real + a.imag * b.imag
+        rest = middle * middle - square * (b.real * b.real + b.imag * b.imag - without * without)
+        for sign in (1.0, -1.0):
+            size = (middle + sign * math.sqrt(max(0.0, rest))) / square
+            if rest >= 0.0 and low <= size <= high:
+                return size  # type: ignore[no-any-return]
+        high = low
+    return -1.0
 
 
 @compiled
