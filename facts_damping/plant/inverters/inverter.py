@@ -39,7 +39,11 @@ INVERTER = np.dtype(
         ("real", "i8"),  # signals that are its source; angle: -1 for that of the voltage
         ("imag", "i8"),
         ("angle", "i8"),
+<<<<<<< HEAD
         ("forming", "i8"),  # 1: it forms a grid, with which its angle counts
+=======
+        ("forming", "i8"),  # 1: it forms a grid, with a direction of its own
+>>>>>>> main
         ("bus", "i8"),  # rows of the network that are the regulated bus and the monitored branch; -1: its terminals
         ("branch", "i8"),
         ("ratio", "f8"),  # rating over system base
