@@ -55,12 +55,8 @@ class Source(NamedTuple):
     imag: str
     constants: tuple[Constant, ...]
     angle: str = ""  # the signal that is its angle, rad; none: that of the terminal's voltage
-<<<<<<< HEAD
-    forming: bool = False  # a grid; its angle starts as that of the EMF if `imag` is none, else as the voltage's
-=======
     forming: bool = False  # whether its angle is that of the EMF, and not that of the voltage
     virtual: bool = False  # whether it forms a grid as a virtual machine, though its angle is that of a PLL
->>>>>>> main
 
 
 class Model(NamedTuple):

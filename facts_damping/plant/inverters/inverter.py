@@ -39,11 +39,7 @@ INVERTER = np.dtype(
         ("real", "i8"),  # signals that are its source; angle: -1 for that of the voltage
         ("imag", "i8"),
         ("angle", "i8"),
-<<<<<<< HEAD
-        ("forming", "i8"),  # 1: it forms a grid, with which its angle counts
-=======
         ("forming", "i8"),  # 1: it forms a grid, with a direction of its own
->>>>>>> main
         ("bus", "i8"),  # rows of the network that are the regulated bus and the monitored branch; -1: its terminals
         ("branch", "i8"),
         ("ratio", "f8"),  # rating over system base
@@ -99,7 +95,7 @@ def greatest_voltage(v: Any, source: complex, h: complex, without: float) -> flo
         for sign in (1.0, -1.0):
             size = (middle + sign * math.sqrt(max(0.0, rest))) / square
             if rest >= 0.0 and low <= size <= high:
-                return size
+                return size  # type: ignore[no-any-return]
         high = low
     return -1.0
 

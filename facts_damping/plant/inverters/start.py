@@ -108,7 +108,7 @@ def _terminals(
                 f"inverters: {data.name}: {magnitude(current):.4g} p.u. of current at the start; "
                 f"allowed: at most {row['I_max']:g}"
             )
-        angle = phase(emf) if source.forming and source.imag == "none" else angle
+        angle = phase(emf) if source.forming else angle
         turned = complex(times(emf, rect(1.0, -angle)))
         values = [turned.real, turned.imag]
     frame = rect(1.0, -angle)
