@@ -79,8 +79,8 @@ def law(plant: Plant, interval: int, i: int, voltage: complex, p: int, work: Wor
 def settled(plant: Plant, interval: int, h: complex, source: complex, p: int, work: Work) -> complex:
     """Source of the inverter at port p with the other sources as they are, p.u. of the system, as `law` has it.
 
-    `h`: response to its source, which is `source` now. One that follows its voltage is blocked if it cannot be solved. A
-    current at an angle of its own is that of the voltage as it is.
+    `h`: response to its source, which is `source` now. One that follows its voltage is blocked if it cannot be solved.
+    A current at an angle of its own is that of the voltage as it is.
     """
     i, without = plant.ports[p].row, work.response[p] - h * source
     v, emf = plant.inverters[i], work.inverter_source[i]
