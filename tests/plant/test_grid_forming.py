@@ -152,7 +152,7 @@ def test_active_current_or_power_of_regcb1_grows_at_its_rate(flag: int, rate: fl
 
 
 @pytest.mark.parametrize(
-    ("model", "changes", "told"),
+    ("model", "changes", "text"),
     [
         ("REGFMA1", {"Pmax": 0.7}, "P_at_start is 0.8 p.u. at the start; allowed by its limits: 0 to 0.7"),
         ("REGFMA1", {"Qmax": -0.4}, "Q_at_start"),
@@ -162,7 +162,7 @@ def test_active_current_or_power_of_regcb1_grows_at_its_rate(flag: int, rate: fl
         ("REGCB1", {"Imax": 0.7}, "at the start; allowed by its limits"),
     ],
 )
-def test_dispatch_beyond_a_limit_is_told(model: str, changes: dict[str, float], told: str) -> None:
+def test_dispatch_beyond_a_limit_is_told(model: str, changes: dict[str, float], text: str) -> None:
     with pytest.raises(InputError) as error:
         plant(connected(model, **changes), installed=[])
-    assert told in str(error.value)
+    assert text in str(error.value)
