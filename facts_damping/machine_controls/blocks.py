@@ -55,7 +55,7 @@ class Source(NamedTuple):
     imag: str
     constants: tuple[Constant, ...]
     angle: str = ""  # the signal that is its angle, rad; none: that of the terminal's voltage
-    forming: bool = False  # whether its angle is that of the EMF, and not that of the voltage
+    forming: bool = False  # whether it holds a grid by itself
 
 
 class Model(NamedTuple):

@@ -38,7 +38,7 @@ INVERTER = np.dtype(
         ("real", "i8"),  # signals that are its source; angle: -1 for that of the voltage
         ("imag", "i8"),
         ("angle", "i8"),
-        ("forming", "i8"),  # 1: the angle is that of the EMF
+        ("forming", "i8"),  # 1: its angle counts where machines are compared
         ("bus", "i8"),  # rows of the network that are the regulated bus and the monitored branch; -1: its terminals
         ("branch", "i8"),
         ("ratio", "f8"),  # rating over system base

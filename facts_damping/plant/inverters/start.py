@@ -106,7 +106,7 @@ def _terminals(
                 f"inverters: {data.name}: {magnitude(current):.4g} p.u. of current at the start; "
                 f"allowed: at most {row['I_max']:g}"
             )
-        angle = phase(emf) if source.forming else angle
+        angle = phase(emf) if source.imag == "none" else angle  # along the EMF, else along the voltage
         turned = complex(times(emf, rect(1.0, -angle)))
         values = [turned.real, turned.imag]
     frame = rect(1.0, -angle)
