@@ -33,7 +33,7 @@ LATE_S = 2.0  # s; a longer mean latency suggests a mistake of units
 MOSTLY = 0.5  # fraction of the frames
 DRIFT = 0.5  # Hz, change of the machines' common frequency from start to end, without governors or an infinite bus
 NEVER_ARMED, NOT_TUNED = "never armed", "is not tuned for"
-FORMING = [name for name, row in MODELS.items() if row.source and row.source.forming]
+FORMING = [name for name, row in MODELS.items() if row.source and (row.source.forming or row.source.virtual)]
 VOLTAGE_CHANNEL = list(CHANNELS).index("voltage_magnitude")
 
 

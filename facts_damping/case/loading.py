@@ -33,21 +33,28 @@ ARM_AT = 0.5  # s; used if the command line asks for supervision
 
 def read_system(name: str, sets: list[str] | None = None) -> System:
     """A system by name or path, as its file has it, with `--set` applied."""
+    return check(System, *_system_content(name, sets))
+
+
+def _system_content(name: str, sets: list[str] | None) -> tuple[dict[str, Any], str, dict[str, str]]:
+    """A system's content with `--set` applied, its file, and what gave the fields that were set."""
     path = find("systems", name)
     content = read_table(path)
     values, origins = read_sets(sets or [])
     for field_path, value in values.items():
         for key in each_path(content, field_path):
             set_field(content, key, value, origins[field_path])
-    return check(System, content, str(path), origins)
+    return content, str(path), origins
 
 
 def load_system(name: str, sets: list[str] | None = None, scenario: str | None = None) -> System:
     """A system by name or path, with `--set`, a scenario's dispatch and the devices applied."""
-    system = read_system(name, sets)
+    content, path, origins = _system_content(name, sets)
+    system = check(System, content, path, origins)
     if scenario is not None:
         source = read_source("scenarios", scenario, "scenario", f"{system.name}/")
-        system = _dispatched(system, checked(Scenario, source), source.file)
+        content = _dispatched(content, checked(Scenario, source), source.file)
+        system = check(System, content, path, origins)
     return place(system)
 
 
@@ -117,7 +124,8 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
 
 def _made(content: Any, sets: dict[str, str]) -> Case:
     run = check_field(Run, content, "")
-    system = checked(System, read_source("systems", run.system, "system"))
+    system_source = read_source("systems", run.system, "system")
+    system = checked(System, system_source)
     model = None if run.model is None else _model(checked(System, read_source("systems", run.model, "model")), system)
     sources = resolve(run, system.name)
     scenario, scenario_file = checked(Scenario, sources.scenario), sources.scenario.file
@@ -126,7 +134,8 @@ def _made(content: Any, sets: dict[str, str]) -> Case:
     for i, field in enumerate(["link", *(f"controllers.{c}.link" for c in range(len(run.controllers)))]):
         check_felt(link if i == 0 else links[used[i - 1]], field, measurement, sets)
     links = [beside(signed(run_link) if run.security else run_link, measurement) for run_link in links]
-    placed = place(_dispatched(system, scenario, scenario_file))
+    dispatched = system_source._replace(content=_dispatched(system_source.content, scenario, scenario_file))
+    placed = place(checked(System, dispatched) if scenario.dispatch else system)
     latency = reference_filter(measurement, system.frequency, run.frame_rate).delay / run.frame_rate
     controllers, settings = [], (run.frame_rate, latency, measurement.filter, run.tuning)
     for i, controller in enumerate(run.controllers):
@@ -162,14 +171,12 @@ def _model(model: System, system: System) -> System:
     return place(model)
 
 
-def _dispatched(system: System, scenario: Scenario, where: str) -> System:
-    scheduled = [unit.name for unit in system.units if not unit.slack]
-    for name in scenario.dispatch:
+def _dispatched(content: dict[str, Any], scenario: Scenario, where: str) -> dict[str, Any]:
+    """A system's content with a scenario's powers of machines and inverters, before shares of machines are replaced."""
+    dispatch, tables = scenario.dispatch, {name: content.get(name, []) for name in ("machines", "inverters")}
+    for name in dispatch:
+        scheduled = [row["name"] for rows in tables.values() for row in rows if not row.get("slack")]
         check_known(f"{where}: dispatch", name, scheduled)
-    P = scenario.dispatch
-    tables: dict[str, list[Any]] = {"machines": list(system.machines), "inverters": system.inverters}
-    dispatched = {
-        name: [unit.model_copy(update={"P": P[unit.name]}) if unit.name in P else unit for unit in units]
-        for name, units in tables.items()
-    }
-    return system.model_copy(update=dispatched)
+    rows_of = {name: [{**row, "P": dispatch.get(row["name"], row.get("P"))} for row in rows]
+               for name, rows in tables.items()}  # fmt: skip
+    return {**content, **rows_of}

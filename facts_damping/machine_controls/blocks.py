@@ -55,7 +55,8 @@ class Source(NamedTuple):
     imag: str
     constants: tuple[Constant, ...]
     angle: str = ""  # the signal that is its angle, rad; none: that of the terminal's voltage
-    forming: bool = False  # whether it holds a grid by itself
+    forming: bool = False  # whether its angle is that of the EMF, and not that of the voltage
+    virtual: bool = False  # whether it forms a grid as a virtual machine, though its angle is that of a PLL
 
 
 class Model(NamedTuple):

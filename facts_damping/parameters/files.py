@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 import re
+from copy import copy
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -208,7 +209,7 @@ def set_field(content: dict[str, Any], key: str, value: Any, where: str) -> None
         if last:
             here[index] = value
         else:
-            here = here[index]
+            here[index] = here = copy(here[index])  # which an alias of YAML may have elsewhere, too
 
 
 def read_value(text: str, where: str) -> Any:

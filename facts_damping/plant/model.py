@@ -107,6 +107,7 @@ class Work(Struct):
     given: Complex1  # (ports,), response to all inputs except the ports' sources
     response: Complex1  # (ports,)
     blocked: Bool1  # (ports,)
+    given_up: Bool1  # (ports,), inverters that stay blocked
     low: Bool1  # (ports,), loads with their characteristic below V_min
     slope: Float3  # (ports, 2, 2), derivative of the source by the response
     matrix: Float2  # (2 ports, 2 ports + 1), of Newton's method, with the mismatch
@@ -143,6 +144,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(machines, np.complex128),
         np.zeros(ports, np.complex128),
         np.zeros(ports, np.complex128),
+        np.zeros(ports, np.bool_),
         np.zeros(ports, np.bool_),
         np.zeros(ports, np.bool_),
         np.zeros((ports, 2, 2)),
@@ -182,12 +184,13 @@ def fitted(state: PlantState, plant: Plant) -> PlantState:
 def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
     """Index of the interval at a time; an event acts from its own instant on.
 
-    If the interval begins there, the last solution is no start for the new network.
+    If the interval begins there, the last solution is no start for the new network, unless there are inverters: with
+    them there may be several, of which that nearest to the last one counts.
     """
     interval = 0
     while interval + 1 < len(plant.interval_start_ns) and plant.interval_start_ns[interval + 1] <= time_ns:
         interval += 1
-    if plant.interval_start_ns[interval] == time_ns:
+    if plant.interval_start_ns[interval] == time_ns and plant.inverters.size == 0:
         state.source[:] = 0.0
         state.source_change[:] = 0.0
     return interval

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.errors import InputError
-from facts_damping.machine_controls.block_models import MODELS, quantity_of
+from facts_damping.machine_controls import block_models
+from facts_damping.machine_controls.block_models import quantity_of
 from facts_damping.parameters.plant.machines import BLOCK_CONTROLS
 from facts_damping.plant.machines import block_controls, block_rest, blocks
 from facts_damping.plant.machines.block_controls import GIVES
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+MODELS = {name: row for name, row in block_models.MODELS.items() if row.role in GIVES}  # of machines
 # Constants of each model in the order of a record: within limits, and no two alike.
 DC = "0.02 50 0.06 0.9 0.5 10 -10 1.1 0.5 0.08 1.3 0 2 0.1 3 0.5"
 AC, ALTERNATOR = "0.02 0.9 0.5 50 0.06 10 -10", "0.8 0.03 1.2 0.2 0.38 1.05 2 0.1 3 0.5"

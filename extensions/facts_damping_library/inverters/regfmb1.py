@@ -95,5 +95,5 @@ ROW = Model(
     ),
     factors={"PRIORITY": PRIORITY, "WIDEST": WIDEST},
     optional="Re",
-    source=Source("voltage", "Ed", "Eq", ("Re", "Xe", "ImaxF"), "angle", forming=True),
+    source=Source("voltage", "Ed", "Eq", ("Re", "Xe", "ImaxF"), "angle", virtual=True),
 )

@@ -18,33 +18,34 @@ class InverterModel(BlockModel):
     bus: Name = Field(..., description="bus to which it is connected")
     area: Name | None = Field(None, description="area; given for a grid-forming one if it is for machines")
     rating: float = quantity(..., "MVA", "rated power, the base of its data and of its controls'", gt=0, le=1e5)
-    P: float | None = quantity(None, "MW", "active power; not given for the slack", ge=-1e5, le=1e5)
+    P: float | None = quantity(
+        None, "MW", "active power; none: of the slack, or at its bus that in proportion to ratings", ge=-1e5, le=1e5
+    )
     Q: float = quantity(
         0.0, "Mvar", "reactive power; beside `V` that of its own if sources share the bus", ge=-1e5, le=1e5
     )
     V: float | None = quantity(None, "p.u.", "terminal voltage at the start; none: that which follows", gt=0.5, le=1.5)
-    slack: bool = Field(False, description="true: it balances the power flow; only grid-forming")
+    slack: bool = Field(False, description="true: it balances the power flow, and has V")
     angle: float = quantity(0.0, "deg", "angle of the slack's terminal voltage", ge=-360, le=360)
 
     @property
     def forming(self) -> bool:
         """Whether it forms a grid, with an angle of its own."""
         source = MODELS[self.model].source
-        return source is not None and source.forming
+        return source is not None and (source.forming or source.virtual)
 
     @model_validator(mode="after")
     def _scheduled(self) -> InverterModel:
-        if self.slack == (self.P is not None):
-            raise ValueError("P must be given for every inverter but the slack, and not for that")
-        if self.slack and (self.V is None or not self.forming):
-            raise ValueError("slack: true given; allowed: with V, for a grid-forming inverter")
+        if self.slack and self.P is not None:
+            raise ValueError(f"P: {self.P:g} given; allowed: none for the slack")
+        if self.V is None and self.P is None:
+            raise ValueError("P, V: none given; allowed: P, or V for the slack or at its bus")
         return self
 
 
-class InverterControlModel(BlockModel):
-    """A [control of an inverter](inverters.md): electrical, of the plant, or of a turbine; one of each sort."""
+class ControlModel(BlockModel):
+    """What controls of inverters have beside their constants."""
 
-    inverter: Name = Field(..., description="inverter to which it belongs")
     enabled: bool = Field(True, description="false: switched off")
     bus: Name | None = Field(None, description="bus that a plant control regulates; none: that of the inverter")
     branch: Name | None = Field(
@@ -57,10 +58,16 @@ class InverterControlModel(BlockModel):
         return {block.name for block in MODELS[self.model].blocks if block.when is None or block.when(self)}
 
     @model_validator(mode="after")
-    def _measured(self) -> InverterControlModel:
+    def _measured(self) -> ControlModel:
         if self.branch is not None and self.bus is None:
             raise ValueError(f"branch: {self.branch} given without `bus`; allowed: with it")
         return self
+
+
+class InverterControlModel(ControlModel):
+    """A [control of an inverter](inverters.md): electrical, of the plant, or of a turbine; one of each sort."""
+
+    inverter: Name = Field(..., description="inverter to which it belongs")
 
 
 class Meter(NamedTuple):
@@ -71,24 +78,31 @@ class Meter(NamedTuple):
     branches: list[str]
 
 
-def _models(role: str, base: type) -> list[Any]:
-    return [
-        create_model(name, __base__=base, __doc__=f"{row.text}.", **block_fields(name))
+def _models(role: str, base: type) -> dict[str, Any]:
+    return {
+        name: create_model(name, __base__=base, __doc__=f"{row.text}.", **block_fields(name))
         for name, row in MODELS.items()
         if row.role == role
-    ]
+    }
 
+
+INVERTERS: dict[str, Any] = _models("inverter", InverterModel)
+CONTROLS: dict[str, Any] = _models("inverter_control", InverterControlModel)
 
 if TYPE_CHECKING:
     Inverter = InverterModel
     InverterControl = InverterControlModel
+    Constants = BlockModel
+    ControlConstants = ControlModel
 else:
 
-    def _one_of(role: str, base: type) -> Any:
-        choices = tuple(_models(role, base))
+    def _one_of(models: dict[str, Any], base: type) -> Any:
+        choices = tuple(models.values())
         if len(choices) < 2:
             return choices[0] if choices else base
         return Annotated[Union[choices], Field(discriminator="model")]  # noqa: UP007 (made from the list)
 
-    Inverter = _one_of("inverter", InverterModel)
-    InverterControl = _one_of("inverter_control", InverterControlModel)
+    Inverter, InverterControl = _one_of(INVERTERS, InverterModel), _one_of(CONTROLS, InverterControlModel)
+    # Without the place: of shares of machines.
+    Constants = _one_of(_models("inverter", BlockModel), BlockModel)
+    ControlConstants = _one_of(_models("inverter_control", ControlModel), ControlModel)

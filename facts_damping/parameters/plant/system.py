@@ -10,6 +10,7 @@ from facts_damping.devices.base import AtInverter, AtMachine, Parallel, Series, 
 from facts_damping.devices.table import MODELS
 from facts_damping.fields import PHYSICAL, Name, ParameterModel, quantity
 from facts_damping.parameters.plant.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
+from facts_damping.parameters.plant.inverter_shares import InverterShare, replaced
 from facts_damping.parameters.plant.inverters import Inverter, InverterControl, Meter
 from facts_damping.parameters.plant.machines import Exciter, Governor, Machine, Stabiliser
 from facts_damping.parameters.plant.pmus import Measures, Pmu, Signal
@@ -43,6 +44,7 @@ class System(ParameterModel):
     machines: list[Machine] = Field([], description="synchronous machines")
     inverters: list[Inverter] = Field([], description="inverters of solar, wind and battery plants")
     inverter_controls: list[InverterControl] = Field([], description="controls of inverters")
+    inverter_shares: list[InverterShare] = Field([], description="shares of machines that inverters replace")
     exciters: list[Exciter] = Field([], description="excitation systems, at most one per machine")
     stabilisers: list[Stabiliser] = Field([], description="power system stabilisers, at most one per machine")
     governors: list[Governor] = Field([], description="turbines with governors, at most one per machine")
@@ -53,17 +55,35 @@ class System(ParameterModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _in_ranges(cls, content: Any, validated: Callable[[Any], System]) -> System:
+    def _consistent(cls, content: Any, validated: Callable[[Any], System]) -> System:
         before = PHYSICAL.set(isinstance(content, dict) and content.get("ranges") == "physical")
         try:
-            return validated(content)
+            system = validated(content)._with_inverters()  # noqa: SLF001 (its own)
         finally:
             PHYSICAL.reset(before)
+        _check_references(system)
+        return system
 
-    @model_validator(mode="after")
-    def _consistent(self) -> System:
-        _check_references(self)
-        return self
+    def _with_inverters(self) -> System:
+        """The system with machines and inverters as its shares say, and without shares."""
+        if not self.inverter_shares:
+            return self
+        new = replaced(self.machines, self.inverter_shares)
+        rows = {
+            **{field: [row for row in getattr(self, field) if row.machine not in new.gone]
+               for field in ("exciters", "stabilisers", "governors")},
+            "inverter_shares": [],
+            "machines": new.machines,
+            "inverters": [*self.inverters, *new.inverters],
+            "inverter_controls": [*self.inverter_controls, *new.controls],
+            "devices": [d for d in self.devices if getattr(d, "inverter", None) not in new.absent],
+            "pmus": [p.model_copy(update={"machine": new.gone.get(str(p.machine), p.machine)})
+                     for p in self.pmus if p.machine not in new.absent],
+        }  # fmt: skip
+        moved = {p.name for p in self.pmus if p.machine in new.gone}  # to where there is no rotor, but a frequency
+        seen = {name: s.model_copy(update={"channel": "frequency"}) for name, s in self.signals.items()
+                if s.channel == "speed_deviation" and moved & set(s.weights)}  # fmt: skip
+        return self.model_copy(update={**rows, "signals": self.signals | seen})
 
     @property
     def units(self) -> list[Any]:
@@ -218,6 +238,10 @@ def _check_inverters(system: System, buses: set[str]) -> None:
             _known(f"{field}.bus", row.bus, buses)
         if row.branch is not None:
             _known(f"{field}.branch", row.branch, at.get(row.bus, set()))
+    slack = {unit.bus for unit in system.units if unit.slack}
+    for inverter in system.inverters:
+        if inverter.P is None and inverter.bus not in slack:
+            raise ValueError(f"inverters: {inverter.name}.P: none given; allowed: at the bus of the slack")
 
 
 def _branches_at(system: System) -> dict[str | None, set[str]]:

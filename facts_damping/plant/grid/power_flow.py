@@ -216,22 +216,20 @@ def _currents(matrix: Triplets, voltage: Complex1) -> Complex1:
 
 
 def _shared(here: Sequence[Any], net: complex, base_power: float) -> list[tuple[str, complex]]:
-    """Powers of the sources at a bus: of machines their own P, the slack the rest; their own Q, the rest by ratings."""
+    """Powers of the sources at a bus: their own, the rest by ratings, but that of P of those without (the slack)."""
     if len(here) == 1:
         return [(here[0].name, net)]
     rating = sum(m.rating for m in here)
     rest = net - sum(complex(m.P or 0.0, m.Q) for m in here) / base_power
-    slack = any(m.slack for m in here)
-    return [
-        (
-            m.name,
-            complex(
-                rest.real if m.slack else (m.P or 0.0) / base_power + (0.0 if slack else rest.real * m.rating / rating),
-                m.Q / base_power + rest.imag * m.rating / rating,
-            ),
-        )
+    balancing = sum(m.rating for m in here if m.P is None)
+    active = [
+        rest.real * (m.rating / balancing)
+        if m.P is None
+        else m.P / base_power + (0.0 if balancing else rest.real * m.rating / rating)
         for m in here
     ]
+    reactive = [m.Q / base_power + rest.imag * m.rating / rating for m in here]
+    return [(m.name, complex(P, Q)) for m, P, Q in zip(here, active, reactive, strict=True)]
 
 
 def _balanced(active: Float1) -> Float1:

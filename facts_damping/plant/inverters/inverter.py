@@ -7,6 +7,7 @@ states, and are evaluated before the network is solved; they give the source. Th
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,7 +39,7 @@ INVERTER = np.dtype(
         ("real", "i8"),  # signals that are its source; angle: -1 for that of the voltage
         ("imag", "i8"),
         ("angle", "i8"),
-        ("forming", "i8"),  # 1: its angle counts where machines are compared
+        ("forming", "i8"),  # 1: it forms a grid, with a direction of its own
         ("bus", "i8"),  # rows of the network that are the regulated bus and the monitored branch; -1: its terminals
         ("branch", "i8"),
         ("ratio", "f8"),  # rating over system base
@@ -72,6 +73,31 @@ def reduced(v: Any, source: complex, size: float) -> tuple[complex, complex]:
         by_voltage = -v.K_high if less > v.I_least else 0.0
         injected = max(less, v.I_least)
     return complex(gain * source.real, -injected), complex(slope * source.real, -by_voltage)
+
+
+@compiled
+def greatest_voltage(v: Any, source: complex, h: complex, without: float) -> float:
+    """Greatest |V| that a source in the direction of its voltage can have, p.u.; -1: there is none.
+
+    V = V0 + h f(|V|) V / |V|, with |V0| `without` the source and `h` its response to a current of 1 p.u. of the rating,
+    asks for | |V| - h f | = |V0|. Between its kinks f is linear, so that this is a quadratic equation.
+    """
+    high, saturated = math.inf, v.V_high + max(0.0, -source.imag - v.I_least) / max(v.K_high, SMALL)
+    while high > 0.0:
+        low = 0.0
+        for kink in (v.V_low, v.V_reduced, v.V_high, saturated):
+            low = max(low, kink) if kink < high else low
+        inside = min(2.0 * low + 1.0, 0.5 * (low + high))
+        value, slope = reduced(v, source, inside) if v.source == CURRENT else (v.admittance * source, 0j)
+        a, b = 1.0 - h * slope, h * (value - slope * inside)
+        square, middle = a.real * a.real + a.imag * a.imag, a.real * b.real + a.imag * b.imag
+        rest = middle * middle - square * (b.real * b.real + b.imag * b.imag - without * without)
+        for sign in (1.0, -1.0):
+            size = (middle + sign * math.sqrt(max(0.0, rest))) / square
+            if rest >= 0.0 and low <= size <= high:
+                return size  # type: ignore[no-any-return]
+        high = low
+    return -1.0
 
 
 @compiled

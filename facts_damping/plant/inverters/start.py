@@ -32,10 +32,11 @@ REFERENCES = ("Pext", "Qext")
 
 
 class Inverters(NamedTuple):
-    """All inverters at rest: their table, rows of blocks, and the limits that exclude the start."""
+    """All inverters at rest: table, rows of blocks, sources (p.u. of the system), limits that exclude the start."""
 
     rows: NDArray[Any]
     blocks: list[NDArray[Any]]
+    sources: list[complex]
     violations: list[LimitViolation]
 
 
@@ -44,7 +45,7 @@ def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Po
 
     Raises `InputError` if one has no steady state there.
     """
-    started = Inverters(np.zeros(len(system.inverters), INVERTER), [], [])
+    started = Inverters(np.zeros(len(system.inverters), INVERTER), [], [], [])
     plant_meters = {meter.inverter: (n, meter) for n, meter in enumerate(system.meters)}
     branches = {b.name: b for b in network.branches(system, network.Topology())} if plant_meters else {}
     for i, inverter in enumerate(system.inverters):
@@ -72,6 +73,7 @@ def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Po
         row["sensed"] = rest.signals[: len(KNOWN)]
         _place(row, assembled, MODELS[inverter.model].source, first + sum(map(len, started.blocks)))
         started.blocks.append(_moved(assembled, states.offset))
+        started.sources.append(complex(row["ratio"] * (current + times(row["admittance"], voltage))))
         states.add(inverter.name, assembled.states, rest.states)
         place = Place(inverter.bus, inverter=inverter.name, admittance=complex(row["admittance"] * row["ratio"]))
         row["port"] = ports.add(PORT_OF_INVERTER, i, place)
@@ -106,7 +108,7 @@ def _terminals(
                 f"inverters: {data.name}: {magnitude(current):.4g} p.u. of current at the start; "
                 f"allowed: at most {row['I_max']:g}"
             )
-        angle = phase(emf) if source.imag == "none" else angle  # along the EMF, else along the voltage
+        angle = phase(emf) if source.forming else angle
         turned = complex(times(emf, rect(1.0, -angle)))
         values = [turned.real, turned.imag]
     frame = rect(1.0, -angle)
@@ -176,7 +178,7 @@ def _place(row: Any, assembled: Control, source: Source | None, first: int) -> N
     row["first"], row["known"], row["end"] = first, first + assembled.first, first + len(assembled.rows)
     if source is not None:
         row["real"], row["imag"] = at[source.real], at[source.imag]
-        row["angle"], row["forming"] = at[source.angle] if source.angle else -1, source.forming
+        row["angle"], row["forming"] = at[source.angle] if source.angle else -1, source.forming or source.virtual
 
 
 def _moved(assembled: Control, offset: int) -> NDArray[Any]:
