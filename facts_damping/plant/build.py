@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
+    from facts_damping.plant.inverters.start import Inverters
     from facts_damping.plant.machines.block_rest import LimitViolation
     from facts_damping.plant.rotating import Rotating
 
@@ -87,7 +88,7 @@ def build(
         governors=rotating.governors,
         blocks=every,
         controls=rotating.controls,
-        inverters=inverters,
+        inverters=inverters.rows,
         loads=load_rows,
         ports=np.array(ports.rows, PORT),
         placed=placed,
@@ -118,7 +119,7 @@ class _Start(NamedTuple):
     states: States
     ports: Ports
     rotating: Rotating
-    inverters: NDArray[Any]
+    inverters: Inverters
     blocks: NDArray[Any]
     loads: Sequence[Load]
     load_rows: NDArray[Any]
@@ -144,7 +145,7 @@ def _at_rest(system: System, installed: Sequence[str], loads: Sequence[Load]) ->
     outputs = len(system.machines) + len(ports.rows) + 2 * len(system.pmus)
     for field, more in (("bus", 0), ("branch", len(system.meters))):
         inverters.rows[field] += np.where(inverters.rows[field] < 0, 0, outputs + more)
-    return _Start(flow, states, ports, rotating, inverters.rows, every, loads, load_rows, placed)
+    return _Start(flow, states, ports, rotating, inverters, every, loads, load_rows, placed)
 
 
 def _salient_ports(system: System, rotating: Rotating) -> Ports:

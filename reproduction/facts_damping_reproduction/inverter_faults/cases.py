@@ -55,7 +55,10 @@ def case(number: int, seed: int = SEED, scr: tuple[float, float] = SCR, step: fl
     ratio = float(np.exp(chance.uniform(*np.log(scr))))
     names = [f"IBR{i + 1}" for i in range(count)]
     models = [str(chance.choice(LEADING)) for _ in names]
-    rows = [_unit(chance, name, model, "T1" if i == 0 else "T2") for i, (name, model) in enumerate(zip(names, models, strict=True))]
+    rows = [
+        _unit(chance, name, model, "T1" if i == 0 else "T2")
+        for i, (name, model) in enumerate(zip(names, models, strict=True))
+    ]
     controls = [row for name in names for row in _controls(chance, name)]
     formed = source == "forming" or bool(chance.random() < 0.3)
     if formed:
@@ -68,7 +71,9 @@ def case(number: int, seed: int = SEED, scr: tuple[float, float] = SCR, step: fl
         system["loads"][0]["P"] = sum(row.get("P", 0.0) for row in rows) + float(chance.uniform(0.0, 1.5)) * RATING
     system |= {"inverters": rows, "inverter_controls": controls, "step": step}
     system["pmus"] = [{"name": "P", "bus": "P"}, {"name": "T1", "machine": "IBR1"}]
-    places = [bus["name"] for bus in system["buses"] if bus["name"] != "S"] + (["line_1"] if source != "forming" else [])
+    places = [bus["name"] for bus in system["buses"] if bus["name"] != "S"] + (
+        ["line_1"] if source != "forming" else []
+    )
     place = str(chance.choice(places))
     impedance = float(chance.uniform(DEEPEST, SHALLOWEST)) * float(chance.random() < 0.7)  # three of ten are bolted
     seconds = float(chance.uniform(*SECONDS))

@@ -61,7 +61,9 @@ def outcome(case: Case) -> Outcome:
         without += bool((work.blocked & of_inverters).any())
         if not (np.isfinite(state.x).all() and np.isfinite(state.source).all()):
             broken = [name for name, x in zip(built.state_names, state.x, strict=True) if not np.isfinite(x)]
-            return Outcome(BROKEN, f"{now * 1e-9:.4f} s: {', '.join(broken) or 'network'}", without / RATE, np.array(seen))
+            return Outcome(
+                BROKEN, f"{now * 1e-9:.4f} s: {', '.join(broken) or 'network'}", without / RATE, np.array(seen)
+            )
         if not sound:
             return Outcome(LOST, f"{now * 1e-9:.3f} s", without / RATE, np.array(seen))
     moved = np.ptp(np.array(seen[-round(LAST * RATE) :]), axis=0).max()
