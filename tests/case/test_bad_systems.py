@@ -289,12 +289,16 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
         {"inverter_controls.1.bus": "B2", "inverter_controls.1.branch": "line_1"},
         "inverter_controls.1.branch: 'line_1' given; allowed: line_3",
     ),
-    "slack that follows": (
+    "inverter without power": (
         "solar",
-        {"inverters.0.slack": True, "inverters.0.P": None, "machines.0.slack": False, "machines.0.P": 300.0},
-        "inverters.0: slack: true given; allowed: with V, for a grid-forming inverter",
+        {"inverters.0.P": None},
+        "inverters.0: P, V: none given; allowed: P, or V for the slack or at its bus",
     ),
-    "inverter without power": ("solar", {"inverters.0.P": None}, "P must be given for every inverter but the slack"),
+    "inverter without power away from the slack": (
+        "solar",
+        {"inverters.0.P": None, "inverters.0.V": 1.0},
+        "inverters: SOLAR.P: none given; allowed: at the bus of the slack",
+    ),
     "inverter of no model": ("solar", {"inverters.0.model": "REGC"}, "inverters.0.model: 'REGC' given; allowed: "),
     "inverter with the name of a machine": (
         "solar",
