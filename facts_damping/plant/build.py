@@ -21,7 +21,7 @@ from facts_damping.plant.events import oscillating_loads, oscillations, topology
 from facts_damping.plant.grid import load
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 from facts_damping.plant.grid.reduction import Place, reduce_network, sparse_network
-from facts_damping.plant.inverters.start import input_signal, inverters_at_rest
+from facts_damping.plant.inverters.start import Inverters, input_signal, inverters_at_rest
 from facts_damping.plant.machines import blocks
 from facts_damping.plant.model import Plant, PlantState
 from facts_damping.plant.rotating import machines_at_rest
@@ -87,7 +87,7 @@ def build(
         governors=rotating.governors,
         blocks=every,
         controls=rotating.controls,
-        inverters=inverters,
+        inverters=inverters.rows,
         loads=load_rows,
         ports=np.array(ports.rows, PORT),
         placed=placed,
@@ -118,7 +118,7 @@ class _Start(NamedTuple):
     states: States
     ports: Ports
     rotating: Rotating
-    inverters: NDArray[Any]
+    inverters: Inverters
     blocks: NDArray[Any]
     loads: Sequence[Load]
     load_rows: NDArray[Any]
@@ -144,7 +144,7 @@ def _at_rest(system: System, installed: Sequence[str], loads: Sequence[Load]) ->
     outputs = len(system.machines) + len(ports.rows) + 2 * len(system.pmus)
     for field, more in (("bus", 0), ("branch", len(system.meters))):
         inverters.rows[field] += np.where(inverters.rows[field] < 0, 0, outputs + more)
-    return _Start(flow, states, ports, rotating, inverters.rows, every, loads, load_rows, placed)
+    return _Start(flow, states, ports, rotating, inverters, every, loads, load_rows, placed)
 
 
 def _salient_ports(system: System, rotating: Rotating) -> Ports:
