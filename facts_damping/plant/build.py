@@ -21,7 +21,7 @@ from facts_damping.plant.events import oscillating_loads, oscillations, topology
 from facts_damping.plant.grid import load
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 from facts_damping.plant.grid.reduction import Place, reduce_network, sparse_network
-from facts_damping.plant.inverters.start import input_signal, inverters_at_rest
+from facts_damping.plant.inverters.start import Inverters, input_signal, inverters_at_rest
 from facts_damping.plant.machines import blocks
 from facts_damping.plant.model import Plant, PlantState
 from facts_damping.plant.rotating import machines_at_rest

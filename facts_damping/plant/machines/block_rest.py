@@ -93,7 +93,6 @@ def at_rest(
     free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["hold"] = kernel.NONE
     free["p"][stops, 0] = 0.0
-    free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     outputs = [at + block_control.gives.index(name) for name in gives]
     places, n = [names.index(name) for name in references], len(block_control.states)
 
