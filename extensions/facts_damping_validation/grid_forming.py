@@ -116,7 +116,11 @@ def disturbances() -> ValidationTable:
             ]
             apart = [ours - other for ours, other in pair]
             swing = max(np.ptp(other) for _, other in pair)
-            rows.append(within(f"{run.what}: {COLUMNS[column]}", "of the range", np.array(apart) / swing, 0.01))
+            rows.append(
+                within(
+                    f"{run.what}: {COLUMNS[column].replace('_', ' ')}", "of the range", np.array(apart) / swing, 0.01
+                )
+            )
     return ValidationTable("Disturbances of grid-forming inverters", SOURCE_TEXT, "", rows)
 
 

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
+    from facts_damping.plant.inverters.start import Inverters
     from facts_damping.plant.machines.block_rest import LimitViolation
     from facts_damping.plant.rotating import Rotating
 

@@ -41,7 +41,7 @@ def training_cases(
         units = [row for table in ("machines", "inverters") for row in run["system"].get(table, ())]
         own_buses = {unit["bus"] for unit in units}
         names = [bus["name"] for bus in run["system"]["buses"]]
-        buses = buses or [name for name in names if name not in own_buses][:TRIED]
+        buses = buses or [name for name in names if name not in own_buses][:TRIED] or names[:TRIED]
         lines = lines or [line["name"] for line in run["system"].get("lines", ()) if line["name"] != place.at]
     kinds = {"fault": [fault(bus) for bus in buses], "line_out": [trip(line) for line in lines[:TRIED]]}
     contents, done = dict[str, dict[str, Any]](), 0

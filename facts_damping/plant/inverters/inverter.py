@@ -95,7 +95,7 @@ def greatest_voltage(v: Any, source: complex, h: complex, without: float) -> flo
         for sign in (1.0, -1.0):
             size = (middle + sign * math.sqrt(max(0.0, rest))) / square
             if rest >= 0.0 and low <= size <= high:
-                return size  # type: ignore[no-any-return]
+                return size
         high = low
     return -1.0
 
