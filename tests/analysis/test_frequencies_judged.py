@@ -70,7 +70,7 @@ def test_signal_of_frequencies_is_a_measure() -> None:
     np.testing.assert_allclose(speed_differences(record)["f"], expected, rtol=0, atol=1e-15)
 
 
-def test_what_needs_a_rotor_says_so() -> None:
+def test_laws_and_pulses_that_need_a_rotor_are_refused() -> None:
     battery = shipped(path("battery")).model_dump(by_alias=True)
     battery["signals"] = {"f": {"channel": "frequency", "weights": {"G1": 1.0, "BATTERY": -1.0}}}
     lqg = {"name": "LQG", "devices": ["pod_p"], "signals": ["f"]}

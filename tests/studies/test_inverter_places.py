@@ -35,8 +35,8 @@ def test_places_are_the_inputs_that_an_inverter_s_controls_use() -> None:
     assert [p.at for p in new] == ["SOLAR.Qplant", "SOLAR.Vplant", "SOLAR.Paux", "SOLAR.Qaux"]
     assert new[0].label == "inverter_input at SOLAR.Qplant"
     assert new[0].names == {"SOLAR", "SOLAR.Qplant"}
-    own = [p for p in places.places(shipped(SOLAR), INPUT) if p.own]
-    assert [(p.at, p.device.name) for p in own] == [("SOLAR.Pplant", "pod_p"), ("SOLAR.Vaux", "pod_v")]
+    present = [p for p in places.places(shipped(SOLAR), INPUT) if p.own]
+    assert [(p.at, p.device.name) for p in present] == [("SOLAR.Pplant", "pod_p"), ("SOLAR.Vaux", "pod_v")]
     assert places.setpoints(shipped(BATTERY), "BATTERY") == ["Paux", "Qaux", "Vaux"]
     off = [{**c.model_dump(), "enabled": c.model != "REPCA1"} for c in shipped(SOLAR).inverter_controls]
     assert places.setpoints(changed(shipped(SOLAR), inverter_controls=off), "SOLAR") == ["Paux", "Qaux", "Vaux"]

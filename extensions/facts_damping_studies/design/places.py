@@ -104,9 +104,9 @@ def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
     lines = [line.name for line in system.lines if line.name not in in_series]
     reactance = {line.name: line.x * line.length for line in system.lines}
     buses = [bus.name for bus in system.buses if bus.name not in occupied]
-    taken = [(d.inverter, d.input) for d in system.devices if isinstance(d, AtInverter)]
+    occupied_inputs = [(d.inverter, d.input) for d in system.devices if isinstance(d, AtInverter)]
     inputs = [(i.name, signal) for i in system.inverters for signal in setpoints(system, i.name)]
-    inputs = [at for at in inputs if at not in taken]
+    inputs = [at for at in inputs if at not in occupied_inputs]
     free: dict[type, list[dict[str, str]]] = {
         Series: [{"line": line} for line in lines],
         Parallel: [{"bus": bus} for bus in buses],
