@@ -21,7 +21,7 @@ from facts_damping.plant.events import oscillating_loads, oscillations, topology
 from facts_damping.plant.grid import load
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 from facts_damping.plant.grid.reduction import Place, reduce_network, sparse_network
-from facts_damping.plant.inverters.start import input_signal, inverters_at_rest
+from facts_damping.plant.inverters.start import Inverters, input_signal, inverters_at_rest
 from facts_damping.plant.machines import blocks
 from facts_damping.plant.model import Plant, PlantState
 from facts_damping.plant.rotating import machines_at_rest
@@ -132,8 +132,8 @@ def _at_rest(system: System, installed: Sequence[str], loads: Sequence[Load]) ->
     rotating = machines_at_rest(system, flow, states)
     ports = _salient_ports(system, rotating)
     inverters = inverters_at_rest(system, flow, states, ports, sum(map(len, rotating.blocks)))
-    if violations := [*rotating.violations, *inverters.violations]:
-        raise ProblemsError(list(map(str, violations)))
+    if problems := [*map(str, [*rotating.violations, *inverters.violations]), *inverters.failures]:
+        raise ProblemsError(problems)
     every = np.concatenate([np.zeros(0, blocks.BLOCK), *rotating.blocks, *inverters.blocks])
     magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
     load_rows = _loads(system, loads, flow, magnitude, states, ports)
@@ -170,10 +170,11 @@ def _loads_at_ports(system: System, noisy: Collection[str], listed: Sequence[Eve
 def limit_violations(system: System) -> list[LimitViolation]:
     """Limits of block controls that exclude the initial state, for a system without devices."""
     flow, states = solve(system, []), States()
-    return [
-        *machines_at_rest(system, flow, states).violations,
-        *inverters_at_rest(system, flow, states, Ports(), 0).violations,
-    ]
+    machines = machines_at_rest(system, flow, states)
+    inverters = inverters_at_rest(system, flow, states, Ports(), 0)
+    if inverters.failures:
+        raise ProblemsError(inverters.failures)
+    return [*machines.violations, *inverters.violations]
 
 
 def port_loads(system: System, noisy: Collection[str]) -> list[Load]:

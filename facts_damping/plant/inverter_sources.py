@@ -80,11 +80,14 @@ def settled(plant: Plant, interval: int, h: complex, source: complex, p: int, wo
     """Source of the inverter at port p with the other sources as they are, p.u. of the system, as `law` has it.
 
     `h`: response to its source, which is `source` now. One that follows its voltage is blocked if it cannot be solved.
+    A current at an angle of its own is that of the voltage as it is.
     """
     i, without = plant.ports[p].row, work.response[p] - h * source
     v, emf = plant.inverters[i], work.inverter_source[i]
     share = v.ratio * plant.online[interval, plant.machines.size + i]
     y = share * v.admittance
+    if v.angle >= 0 and v.source == inverter.CURRENT:
+        return share * inverter.reduced(v, emf, magnitude(work.response[p]))[0] * work.inverter_turn[i]  # type: ignore[no-any-return]
     open_voltage, z = without / (1.0 - h * y), h / (1.0 - h * y)  # without its current; the response to that
     if v.angle >= 0:
         driven, back, most = y * (emf * work.inverter_turn[i] - open_voltage), y * z, share * v.I_max

@@ -17,7 +17,6 @@ from facts_damping.numerics.matrices import eliminate
 from facts_damping.plant.converters.site import DEVICE, INVERTER, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.grid.sparse_network import solve_voltages
 from facts_damping.plant.inverter_sources import settled
-from facts_damping.plant.inverters.inverter import VOLTAGE
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.network_response import own_response, respond, row_times, set_sources
@@ -190,7 +189,7 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
         for p in range(source.size):
             _write_response(plant, interval, p, source, work)
             h, step = own_response(plant, interval, p), 0j
-            if plant.ports[p].kind == INVERTER and not work.blocked[p] and _has_closed_form(plant, p):
+            if plant.ports[p].kind == INVERTER and not work.blocked[p]:
                 rest = step = settled(plant, interval, h, source[p], p, work) - source[p]
                 before = math.inf if work.blocked[p] else before
             else:
@@ -233,13 +232,6 @@ def _can_block(plant: Plant, p: int) -> bool:
     """Whether a port is that of a device, or of an inverter that follows its voltage."""
     port = plant.ports[p]
     return port.kind in (DEVICE, OTHER_END) or (port.kind == INVERTER and plant.inverters[port.row].angle < 0)
-
-
-@compiled
-def _has_closed_form(plant: Plant, p: int) -> bool:
-    """Whether `settled` solves an inverter's port: all but a current at an angle of its own."""
-    v = plant.inverters[plant.ports[p].row]
-    return v.angle < 0 or v.source == VOLTAGE  # type: ignore[no-any-return]
 
 
 @compiled

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 FOLLOWING: dict[str, Any] = {"model": "REGCA1", **dict.fromkeys(("Lvplsw", "Accel", "Khv", "Tfltr"), 0), "Tg": 0.02}
 FOLLOWING |= {"Rrpwr": 10, "Brkpt": 0.9, "Zerox": 0.4, "Lvpl1": 1.22, "Volim": 1.2, "Lvpnt1": 0.8, "Lvpnt0": 0.4}
 FOLLOWING |= {"Iolim": -1.3, "Iqrmax": 99, "Iqrmin": -99}
-FORMING: dict[str, Any] = {"model": "REGFMA1", "VFlag": 0, "QVFlag": 1, "Imax": 0, "Emax": 1.3, "Emin": 0, "mp": 0.01}
-FORMING |= {"mq": 0.05, "Pmax": 1, "Pmin": 0, "Qmax": 1, "Qmin": -1, "Kpv": 0, "Kiv": 5, "Xe": 0.15}
-FORMING |= dict.fromkeys(("Tpf", "Tqf", "Tvf", "Kppmax", "Kipmax", "Kpqmax", "Kiqmax"), 0.01)
 
 
 def shared(*shares: float) -> System:
@@ -96,11 +93,11 @@ def test_stored_run_has_its_inverters_and_no_shares() -> None:
     ("sets", "message"),
     [
         (["inverter_shares.0.area=north"], "inverter_shares.0.area: north given; allowed: area_1, area_2"),
-        (["inverter_shares.1.area=area_1", "inverter_shares.*.share=0.6"], "1.2 of G1, 1.2 of G2 given; allowed: at"),
+        (["inverter_shares.1.area=area_1", "inverter_shares.1.share=0.7"], "1.2 of G1, 1.2 of G2 given; allowed: at"),
         (["inverter_shares.0.machines=[G1]"], "inverter_shares.0: a share needs either `area` or `machines`"),
         (["inverter_shares.0.inverter.Tg=0.001"], "inverter_shares.0.inverter: Tg must be 0 or at least 0.002 s"),
         (["inverter_shares.0.controls.0.Imax=a"], "inverter_shares.0.controls.0.Imax: 'a' given; allowed: a number"),
-        (["inverter_shares.*.share=1"], "machines: none given; allowed: at least one, an infinite bus, or a grid-f"),
+        (["inverter_shares.0.share=1", "inverter_shares.1.share=1"], "machines: none given; allowed: at least one, an"),
     ],
 )
 def test_share_that_cannot_be_is_an_error_of_its_field(sets: list[str], message: str) -> None:
@@ -109,7 +106,22 @@ def test_share_that_cannot_be_is_an_error_of_its_field(sets: list[str], message:
     assert message in str(error.value)
 
 
-def test_inverters_alone_need_one_that_forms_the_grid() -> None:
-    sets = ["inverter_shares.*.share=1", f"inverter_shares.1.inverter={FORMING}", "inverter_shares.1.controls=[]"]
-    system = read_system("two_area_ibr", sets)
-    assert (system.machines, [i.forming for i in system.inverters]) == ([], [False, False, True, True])
+def test_inverter_without_power_stands_at_the_slack_s_bus_alone() -> None:
+    row = {"name": "A", "bus": "B1", "area": "area_1", "rating": 10, "V": 1.0, **FOLLOWING}
+    with pytest.raises(InputError, match=r"inverters: A.P: none given; allowed: at the bus of the slack"):
+        read_system("two_area", [f"inverters=[{row}]"])
+    flow = solve(read_system("two_area", [f"inverters=[{ {**row, 'bus': 'B2'} }]"]))
+    assert flow.generation["A"].real / flow.generation["G2"].real == pytest.approx(10 / 900)
+
+
+@pytest.mark.parametrize("kind", ["GFM", "VSM"])
+def test_inverters_alone_need_one_that_forms_the_grid(kind: str) -> None:
+    row = {"GFM": 3, "VSM": 5}[kind]
+    shares = {0: 1, 1: 0, row: 1}
+    system = read_system("two_area_ibr", [f"inverter_shares.{i}.share={share}" for i, share in shares.items()])
+    names = {i.name: i.forming for i in system.inverters}
+    assert (system.machines, names) == (
+        [],
+        {"IBR_G1": False, "IBR_G2": False, f"{kind}_G3": True, f"{kind}_G4": True},
+    )
+    assert [unit.name for unit in system.units if unit.slack] == ["IBR_G2"]

@@ -237,7 +237,7 @@ def test_inverter_stands_behind_the_step_up_transformer_of_its_record(tmp_path: 
     """With the power that it has there: V / t + Z I."""
     behind = "^3,'1 ',85,0,300,-300,1.025,0,128,0,0.2,0,0,1,", "3,'1 ',85,0,300,-300,1.025,0,128,0,0.2,0.01,0.1,1.05,"
     plain, case = case_of(tmp_path, REGCA1, REECB1), case_of(tmp_path, REGCA1, REECB1, raw=raw_with(behind))
-    (before,), (after,) = (one.content["inverters"] for one in (plain, case))
+    (before,), (after,) = (x.content["inverters"] for x in (plain, case))
     S = complex(before["P"], before["Q"]) / 100.0
     loss = complex(0.01, 0.1) / 1.28 * abs(1.05 * S / 1.025) ** 2
     assert after["bus"] == "G3_terminal"

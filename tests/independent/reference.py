@@ -154,8 +154,8 @@ class Model:
         self.first.append(len(self.start))
         self._add(row.name, unit.states, unit.start)
 
-    def sight(self, row: Any, V: Complex, own: complex, current: complex, sets: Mapping[str, float]) -> Sight:
-        """What an inverter sees: own voltage and current, and those of its plant control's bus and branch."""
+    def sight(self, row: Any, V: Complex, voltage: complex, current: complex, sets: Mapping[str, float]) -> Sight:
+        """What an inverter sees: its voltage and current, and those of its plant control's bus and branch."""
         for c in self.system.inverter_controls:
             if c.inverter == row.name and c.bus is not None:
                 line = next(line for line in self.system.lines if line.name == c.branch)
@@ -165,8 +165,8 @@ class Model:
                 here, there = (here, there) if line.from_bus == c.bus else (there, here)
                 flowing = (series + shunt) * here - series * there
                 branch = here * flowing.conjugate() * self.system.base_power / row.rating
-                return Sight(own, current, here, branch, sets)
-        return Sight(own, current, own, own * current.conjugate(), sets)
+                return Sight(voltage, current, here, branch, sets)
+        return Sight(voltage, current, voltage, voltage * current.conjugate(), sets)
 
     def set_at(self, name: str, u: Mapping[str, float]) -> dict[str, float]:
         """Setpoints at an inverter by the signals that they are added to."""
@@ -211,8 +211,8 @@ class Model:
         devices |= {name: x[at : at + len(block.states)] for name, (block, at) in self.converters.items()}
         lagging = {name: x[at] for name, (at, _) in self.lags.items()}
         asked = {**dict.fromkeys(devices, 0.0), **u, **lagging}
-        own = [x[at : at + len(unit.states)] for unit, at in zip(self.inverters, self.first, strict=True)]
-        return Known(np.exp(1j * (delta - np.pi / 2.0)), np.array(E), devices, asked, own)
+        inverters = [x[at : at + len(unit.states)] for unit, at in zip(self.inverters, self.first, strict=True)]
+        return Known(np.exp(1j * (delta - np.pi / 2.0)), np.array(E), devices, asked, inverters)
 
     def drop(self, p: Sssc | Tcsc, current: complex, known: Known, blocked: frozenset[str]) -> complex:
         """Voltage over an SSSC at its current; one that is not installed is its resistance alone. Of a TCSC too."""

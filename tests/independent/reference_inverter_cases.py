@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.machine_controls.block_models import MODELS
-from tests.plant.inverters import VALUES, constants
+from tests.plant.inverters import constants
 
 from .reference_cases import Case, content, fault
 
@@ -13,13 +12,6 @@ if TYPE_CHECKING:
     from .reference_cases import Row
     from .reference_devices import Targets
 
-FORMING = {
-    "REGFMA1": "0 1 0.02 0.025 0.016 1.4 1.2 0 1 0 0.6 -0.5 0.03 0.05 0.02 0.2 0.1 10 0.1 6 0.01 0.12 0 0 0",
-    "REGFMB1": "0 0 1 1 1 1 0.05 0.1 5 0.02 0.05 -0.05 0.265 2.65 0.2 -0.2 0.03 0.5 1 80 40 1.2 0.9 2 1.4 "
-    "0.02 0.026 0.017 0.012 1 0.05 0.005 0.1",
-    "REGCB1": "0 0 0.02 0.03 20 -20 10 0.01 1.3 0.005 0.15",
-    "REGCC1": "0 0 0.018 0.03 20 -20 10 0.01 1.3 0.5 20 20 700 60 -60 0.005 0.15",
-}
 FINE = 1 / 3840  # s, step: where limits switch the error is of first order in it
 RATINGS = {"I2": ("B2", 163.0, 200.0), "I3": ("B3", 85.0, 120.0)}
 ELECTRICAL: Row = {
@@ -51,9 +43,7 @@ DROOP = {"Kpg": 0.2, "Kig": 1.0, "Ddn": 20.0, "Dup": 20.0, "fdbd1": 0.0, "fdbd2"
 def inverter(name: str, model: str, **changes: Any) -> Row:
     """An inverter in the place of a machine."""
     bus, P, rating = RATINGS[name]
-    fields, numbers = MODELS[model].fields.split(), map(float, {**VALUES, **FORMING}[model].split())
-    values = dict(zip(fields, numbers, strict=True))
-    return {"name": name, "bus": bus, "P": P, "V": 1.025, "rating": rating, "model": model, **values, **changes}
+    return {"name": name, "bus": bus, "P": P, "V": 1.025, "rating": rating, **constants(model), **changes}
 
 
 def controlled(name: str, plant: Row | None = None, **changes: Any) -> list[Row]:

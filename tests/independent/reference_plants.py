@@ -62,8 +62,8 @@ class ElectricalControl:
         active = within(power, p.Pmin, p.Pmax) / max(V, LOWEST)
         supported, raw = self._support(V), state + p.Kvp * (voltage - V) if self.by_voltage else state
 
-        def room(taken: float) -> float:
-            return math.sqrt(max(0.0, p.Imax**2 - taken**2))
+        def room(current: float) -> float:
+            return math.sqrt(max(0.0, p.Imax**2 - current**2))
 
         if p.PQFLAG == 1:
             Ip = within(active, 0.0, p.Imax)

@@ -232,8 +232,9 @@ def test_der_a_is_the_transfer_function_of_its_specification(
     for hertz in (0.05, 1.0, 12.0):
         s = 2j * np.pi * hertz
         wanted = expected(s, der) * lag(s, der.Tg) * (1.0 if output == "Ip" else -1.0)
-        got = rows.response(moved, {"Ip": "Ip", "Iq": "Iq_ahead"}[output], s)
-        assert got == pytest.approx(wanted, rel=1e-5, abs=1e-7)
+        assert rows.response(moved, {"Ip": "Ip", "Iq": "Iq_ahead"}[output], s) == pytest.approx(
+            wanted, rel=1e-5, abs=1e-7
+        )
 
 
 @pytest.mark.parametrize(("PQFlag", "Ip", "Iq"), [(0.0, np.sqrt(1.2**2 - 1.0), 1.0), (1.0, 1.0, np.sqrt(1.2**2 - 1.0))])

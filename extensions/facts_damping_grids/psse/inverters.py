@@ -118,13 +118,13 @@ def as_current(unit: Unit, records: Sequence[Dynamic], file: str, reason: str = 
 
 def _check_sorts(rows: dict[Dynamic, Row], unit: Unit, file: str, problems: Problems) -> None:
     """Problems: two controls of a sort, which give the same signals."""
-    given: dict[str, Dynamic] = {}
+    by_signal: dict[str, Dynamic] = {}
     for record, row in rows.items():
-        first = next((given[name] for name in _gives(row) if name in given), None)
+        first = next((by_signal[name] for name in _gives(row) if name in by_signal), None)
         if first is not None:
             allowed = "one control of a sort"
             problems.add(f"{record.where(file)}: given beside {first.model} of {unit.name}; allowed: {allowed}")
-        given |= dict.fromkeys(_gives(row), record)
+        by_signal |= dict.fromkeys(_gives(row), record)
 
 
 def _blocks(row: Row) -> list[tuple[str, set[str]]]:
@@ -145,9 +145,9 @@ def _without_effect(rows: dict[Dynamic, Row]) -> list[tuple[Dynamic, list[str]]]
     """Records that need a signal that none of the others gives, with such signals, one after the other."""
     left, without = dict(rows), []
     while True:
-        given = SIGNALS.union(*(_gives(row) for row in left.values()))
+        present = SIGNALS.union(*(_gives(row) for row in left.values()))
         for record, row in left.items():
-            missing = sorted(set[str]().union(*(used for _, used in _blocks(row))) - given)
+            missing = sorted(set[str]().union(*(used for _, used in _blocks(row))) - present)
             if missing:
                 without.append((record, missing))
                 del left[record]

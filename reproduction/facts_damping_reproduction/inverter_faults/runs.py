@@ -1,4 +1,4 @@
-"""A case run: how it ends, and how much of it the inverters had no solution of the network and gave no current."""
+"""A case run: how it ends, and for how long its inverters gave no current for want of a solution of the network."""
 
 from __future__ import annotations
 
@@ -20,51 +20,60 @@ from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOIN
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from facts_damping.plant.build import Built
     from facts_damping_reproduction.inverter_faults.cases import Case
 
 AFTERWARDS = 2.0  # s, from the end of the fault to that of the run
 RATE = 240  # instants/s at which a run is looked at
 LAST = 0.3  # s, the end of a run over which voltages are compared
-STILL = 0.02  # p.u., by which a voltage then still moves
+STILL = 0.02  # p.u., by which a voltage that has settled still moves
+LOW = 0.7  # p.u., voltage below which it has not recovered
 VOLTAGE = list(CHANNELS).index("voltage_magnitude")
-REFUSED, SETTLED, MOVING, LOST, BROKEN = "refused", "settled", "moving", "out of synchronism", "numerics"
+REFUSED, SETTLED, LOW_VOLTAGE, MOVING = "refused", "settled", "low voltage", "moving"
+LOST, BROKEN = "out of synchronism", "numerics"
 
 
 class Outcome(NamedTuple):
     """How a run ended."""
 
     how: str
-    text: str  # of a refusal, or what broke
-    without: float  # s, for which at least one inverter gave no current for want of a solution
-    voltages: NDArray[np.float64]  # (times, PMUs), p.u.
+    text: str = ""  # of a refusal; what broke
+    without: float = 0.0  # s, for which an inverter gave no current, as the network had no solution with it
+    voltages: NDArray[np.float64] = np.zeros((0, 0))  # (times, PMUs), p.u.
 
 
-def outcome(case: Case) -> Outcome:
+def started(case: Case, step: float = 1 / 480) -> Built:
+    """The plant of a case. Raises `InputError` if limits exclude its start."""
+    system = check(System, {**case.system, "step": step}, "system")
+    return build(system, [], Scenario.model_validate({"name": "fault", "events": case.events}).events)
+
+
+def outcome(case: Case, afterwards: float = AFTERWARDS, step: float = 1 / 480) -> Outcome:
     """Run a case."""
-    none = np.zeros((0, 0))
     try:
-        system = check(System, case.system, "system")
-        built = build(system, [], Scenario.model_validate({"name": "fault", "events": case.events}).events)
+        built = started(case, step)
     except InputError as error:
-        return Outcome(REFUSED, str(error), 0.0, none)
+        return Outcome(REFUSED, str(error))
     plant, state = built.plant, copy(built.state)
-    work, pmus = workspace(plant, state), len(plant.pmu_machine)
-    frame, nothing = np.zeros((pmus, len(CHANNELS))), np.zeros(0, DEVICE_TRUTH)
-    machines, of_inverters = np.zeros(len(plant.machines), MACHINE_TRUTH), plant.ports["kind"] == INVERTER
-    end, now, without, seen = to_ns(case.events[0]["time"] + case.seconds + AFTERWARDS), 0, 0, list[Any]()
-    while now < end:
+    work, frame = workspace(plant, state), np.zeros((len(plant.pmu_machine), len(CHANNELS)))
+    machines, devices = np.zeros(len(plant.machines), MACHINE_TRUTH), np.zeros(0, DEVICE_TRUTH)
+    of_inverters = plant.ports["kind"] == INVERTER
+    end, now, without, voltages = to_ns(case.events[0]["time"] + case.seconds + afterwards), 0, 0, list[Any]()
+    how, text = SETTLED, ""
+    while now < end and how == SETTLED:
         later = min(end, now + to_ns(1 / RATE))
         advance(plant, state, now, later, np.zeros(0, SETPOINT), 0, work)
-        now = later
-        sound = measure(plant, state, now, frame, machines, nothing, work)
-        seen.append(frame[:, VOLTAGE].copy())
+        sound, now = measure(plant, state, later, frame, machines, devices, work), later
+        voltages.append(frame[:, VOLTAGE].copy())
         without += bool((work.blocked & of_inverters).any())
         if not (np.isfinite(state.x).all() and np.isfinite(state.source).all()):
             broken = [name for name, x in zip(built.state_names, state.x, strict=True) if not np.isfinite(x)]
-            return Outcome(
-                BROKEN, f"{now * 1e-9:.4f} s: {', '.join(broken) or 'network'}", without / RATE, np.array(seen)
-            )
-        if not sound:
-            return Outcome(LOST, f"{now * 1e-9:.3f} s", without / RATE, np.array(seen))
-    moved = np.ptp(np.array(seen[-round(LAST * RATE) :]), axis=0).max()
-    return Outcome(MOVING if moved > STILL else SETTLED, f"{moved:.3f} p.u.", without / RATE, np.array(seen))
+            how, text = BROKEN, f"at {now * 1e-9:.4f} s: {', '.join(broken) or 'network'}"
+        elif not sound:
+            how, text = LOST, f"at {now * 1e-9:.3f} s"
+    last = np.array(voltages[-round(LAST * RATE) :])
+    if how == SETTLED and last.min() < LOW:
+        how, text = LOW_VOLTAGE, f"{last.min():.3f} p.u. in the last {LAST:g} s"
+    elif how == SETTLED and np.ptp(last, axis=0).max() > STILL:
+        how, text = MOVING, f"by {np.ptp(last, axis=0).max():.3f} p.u. in the last {LAST:g} s"
+    return Outcome(how, text, without / RATE, np.array(voltages))

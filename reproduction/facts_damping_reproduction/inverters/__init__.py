@@ -1,0 +1,1 @@
+"""What inverters do to wide-area damping: the study behind docs/inverters_results.md."""
