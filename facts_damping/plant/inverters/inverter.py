@@ -124,8 +124,9 @@ def sense(v: Any, turn: complex, voltage: complex, flowing: complex, s: Float1) 
 
 @compiled
 def sense_plant(v: Any, bus: complex, flowing: complex, s: Float1) -> None:
-    """Write what its plant control measures, at a bus and the current in a branch out of it, p.u. of the rating."""
-    power = bus * flowing.conjugate()
+    """Write what its plant control measures at a bus, and of the current in a branch out of it or, without, its own."""
+    if v.branch >= 0:
+        power = bus * flowing.conjugate()
+        s[PBRANCH], s[QBRANCH] = power.real, power.imag
     s[VBUS], s[THETA_BUS] = magnitude(bus), atan2(bus.imag, bus.real)
-    s[PBRANCH], s[QBRANCH] = power.real, power.imag
     s[VCOMP] = magnitude(bus - v.compensation * flowing)

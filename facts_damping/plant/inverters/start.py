@@ -56,13 +56,13 @@ def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Po
         controls = [c for c in system.inverter_controls if c.inverter == inverter.name and c.enabled]
         sensed, wanted = _terminals(row, data, voltage, current, started.violations)
         sensed |= {"omega_0": 2 * math.pi * system.frequency, "speed": 1.0}
+        plants = [c for c in controls if hasattr(c, "VCFlag")]
+        row["compensation"] = sum(complex(getattr(c, "Rc", 0), getattr(c, "Xc", 0)) for c in plants)
+        sensed["Vcomp"] = magnitude(voltage - complex(times(row["compensation"], current)))
         if inverter.name in plant_meters:
             n, meter = plant_meters[inverter.name]
             row["bus"], row["branch"] = n, n if meter.branches else -1
-            sensed |= _at_plant(row, meter, flow, branches)
-        plants = [c for c in controls if hasattr(c, "VCFlag")]
-        row["compensation"] = sum(complex(getattr(c, "Rc", 0), getattr(c, "Xc", 0)) for c in plants)
-        sensed["Vcomp"] = _compensated(row, sensed)
+            sensed |= _at_plant(row, meter, flow, branches, current)
         sensed |= {f"{name}0": sensed[name] for name in ("Vt", "Pe", "Qe", "Vbus", "Vcomp", "Pbranch", "Qbranch")}
         assembled = control(data, *controls, signals=SIGNALS)
         references = [name for name in REFERENCES if name not in assembled.gives and _uses(assembled, name)]
@@ -147,14 +147,17 @@ def _before_reduction(row: Any, turned: complex, size: float) -> list[float]:
     return [turned.real / gain if gain > 0.0 else 0.0, float(turned.imag - beyond)]
 
 
-def _at_plant(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str, network.Branch]) -> dict[str, float]:
-    """What a plant control measures, p.u. of the inverter's rating."""
-    bus = flow.by_bus[meter.bus]
-    seen = {"Vbus": magnitude(bus), "theta_bus": phase(bus)}
-    if not meter.branches:
-        return seen
-    power = complex(times(bus, _branch_current(row, meter, flow, branches).conjugate()))
-    return seen | {"Pbranch": power.real, "Qbranch": power.imag}
+def _at_plant(
+    row: Any, meter: Meter, flow: PowerFlow, branches: dict[str, network.Branch], current: complex
+) -> dict[str, float]:
+    """What a plant control measures, p.u. of the inverter's rating, whose `current` counts where there is no branch."""
+    bus, seen = flow.by_bus[meter.bus], dict[str, float]()
+    if meter.branches:
+        current = _branch_current(row, meter, flow, branches)
+        power = complex(times(bus, current.conjugate()))
+        seen = {"Pbranch": power.real, "Qbranch": power.imag}
+    compensated = magnitude(bus - complex(times(row["compensation"], current)))
+    return seen | {"Vbus": magnitude(bus), "theta_bus": phase(bus), "Vcomp": compensated}
 
 
 def _branch_current(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str, network.Branch]) -> complex:
@@ -163,12 +166,6 @@ def _branch_current(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str,
     end = 0 if branch.from_bus == meter.bus else 1
     ends = flow.by_bus[branch.from_bus], flow.by_bus[branch.to_bus]
     return complex(sum(times(branch.admittance[end], np.array(ends)))) / float(row["ratio"])
-
-
-def _compensated(row: Any, sensed: dict[str, float]) -> float:
-    """|V - (Rc + j Xc) I| of the regulated bus and the monitored branch; of the terminals: the current out of them."""
-    flowing = complex(sensed["Pbranch"], -sensed["Qbranch"]) / sensed["Vbus"]
-    return magnitude(sensed["Vbus"] - complex(times(row["compensation"], flowing)))
 
 
 def _uses(assembled: Control, name: str) -> bool:

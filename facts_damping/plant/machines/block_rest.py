@@ -88,6 +88,7 @@ def at_rest(
         s[names.index(name)] = value
     free = block_control.rows.copy()
     stops = free["kind"] == kernel.STOP
+    free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["hold"] = kernel.NONE
     free["p"][stops, 0] = 0.0
     outputs = [at + block_control.gives.index(name) for name in gives]
@@ -110,7 +111,7 @@ def at_rest(
         for scale in STARTS:
             begin = np.array([scale * usual if start is None else start for start in starts])
             begin[free["state"][stops]] = 0.0
-            z = _zero(moves, begin, weights)
+            z = _zero(moves, begin, weights, once_more=signals is not MACHINE)
             left = np.abs(moves(z))
             if left.max(initial=0.0) < TOLERANCE:
                 return Rest(z[:n], z[n:].tolist(), s, _violations(block_control, models, s, at))
@@ -120,15 +121,17 @@ def at_rest(
     raise InputError(f"{models[0].model} of {owner(models[0])}: {text}")
 
 
-def _zero(f: Callable[[Float1], Float1], z: Float1, weights: Float1) -> Float1:
-    """Zero of a function by Newton's method from a point on, or where it ends.
+def _zero(f: Callable[[Float1], Float1], z: Float1, weights: Float1, *, once_more: bool) -> Float1:
+    """Zero of a function by Newton's method from a point on, or where it ends; `once_more`: one step beyond that.
 
     Of steps that do equally well, it takes that of the least length over the weights.
     """
     for _ in range(STEPS):
         left = f(z)
         if np.abs(left).max(initial=0.0) < TOLERANCE:
-            break
+            if not once_more:
+                break
+            once_more = False
         slopes = [(f(z + step) - f(z - step)) / (2.0 * step.max()) for step in 1e-6 * np.eye(len(z))]
         z = z - weights * least_squares(np.array(slopes).T * weights, left)
     return z
