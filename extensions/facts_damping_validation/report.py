@@ -15,6 +15,7 @@ from facts_damping_validation import (
     start,
     time_domain,
     two_areas,
+    wecc240,
 )
 from facts_damping_validation.table import summary
 
@@ -52,6 +53,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "time-domain": time_domain.andes,
     "disturbances-minniwecc": minniwecc.disturbances,
     "inverters": inverters.andes,
+    "wecc-240": wecc240.andes,
     "disturbances-two-areas": two_areas.disturbances,
     "psse": psse.traces,
     "psse-steps": psse.traces_in_steps,

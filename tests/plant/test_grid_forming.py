@@ -157,7 +157,7 @@ def test_active_current_or_power_of_regcb1_grows_at_its_rate(flag: int, rate: fl
         ("REGFMA1", {"Pmax": 0.7}, "P_at_start is 0.8 p.u. at the start; allowed by its limits: 0 to 0.7"),
         ("REGFMA1", {"Qmax": -0.4}, "Q_at_start"),
         ("REGFMA1", {"Emax": 0.9}, "E_limited"),
-        ("REGFMA1", {"Imax": 0.7}, "0.8001 p.u. of current at the start; allowed: at most 0.7"),
+        ("REGFMA1", {"Imax": 0.7}, "current is 0.8001 p.u. at the start; allowed by its limits: 0 to 0.7"),
         ("REGFMB1", {"ImaxSS": 0.7}, "Id_at_start"),
         ("REGCB1", {"Imax": 0.7}, "at the start; allowed by its limits"),
     ],

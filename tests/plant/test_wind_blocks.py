@@ -192,8 +192,8 @@ def test_pitch_spills_power() -> None:
 @pytest.mark.parametrize(
     ("missing", "said"),
     [
-        ("WTARA1", r"REGCA1 of IBR1: pitch_start given by none; allowed: with a control that gives it"),
-        ("WTDTA1", r"REGCA1 of IBR1: speed_generator, speed_turbine given by none"),
+        ("WTARA1", r"REGCA1 of IBR1: no pitch_start given; allowed: with one of WTARA1"),
+        ("WTDTA1", r"REGCA1 of IBR1: no speed_generator, speed_turbine given; allowed: with one of WTDTA1"),
     ],
 )
 def test_part_that_is_missing_is_told(missing: str, said: str) -> None:
