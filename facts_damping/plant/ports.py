@@ -177,11 +177,12 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     """Newton's method for one port after the other, with the other sources as they are; returns whether it converged.
 
     A port is coupled most to itself, so that a round reduces the error some tenfold; it costs little more than the
-    mismatch. It is given up when the mismatch no longer falls to half. Of a large grid the mismatch after the last step
-    is expected to fall once more as it fell before. Inverters are solved in closed form, and blocked if they cannot be.
+    mismatch. It is given up when the mismatch no longer falls to half; of a large grid with inverters, which are coupled
+    more, when it no longer falls. Of a large grid the mismatch after the last step is expected to fall once more as it
+    fell before. Inverters are solved in closed form, and blocked if they cannot be.
     """
     before, large = math.inf, len(plant.sparse_networks) > 0
-    tolerance = LARGE_TOLERANCE if large else TOLERANCE
+    tolerance, falls = LARGE_TOLERANCE if large else TOLERANCE, 1.0 if large and plant.inverters.size > 0 else 0.25
     for _ in range(MAX_ITERATIONS):
         solved, total = True, 0.0
         set_sources(plant, source, work)
@@ -203,7 +204,7 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
             source[p] += step
         if solved or (large and before < math.inf and total * total <= tolerance * tolerance * before):
             return True
-        if not total < 0.25 * before:
+        if not total < falls * before:
             return False
         before = total
     return False

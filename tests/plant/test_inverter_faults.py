@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.parameters.plant.system import System
+from facts_damping.plant import build as plant_build
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.inverters import inverter as kernel
 from facts_damping.plant.laws import law
@@ -187,3 +188,15 @@ def test_network_with_any_states_is_solved_by_the_laws(seed: int) -> None:
     solve_network(built.plant, x, built.state.reference, source, 0, work)
     assert _mismatch(built.plant, x, built.state.reference, source, 0, work) == 0.0
     assert not work.blocked[2:].any()  # those with an angle of their own
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_faults_are_the_same_with_factors_instead_of_a_dense_network(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = cases.case(number, SEED)
+    dense = runs.outcome(case, afterwards=0.1)
+    monkeypatch.setattr(plant_build, "LARGE", 0)
+    sparse = runs.outcome(case, afterwards=0.1)
+    assert (sparse.how, sparse.without) == (dense.how, dense.without)
+    np.testing.assert_allclose(sparse.voltages, dense.voltages, rtol=0, atol=1e-6)
