@@ -22,7 +22,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.simulation import assembly, loop
 
 SECONDS = 5.0
-ROUNDS = 7
+ROUNDS = 9
 COUNTS = (4, 16, 64, 150)  # units of a grid
 SHIPPED = {"two_area": "load_1", "new_england_39": "load_3", "nets_nyps": "load_17", "minniwecc": "load_8"}
 MACHINE: dict[str, Any] = {
@@ -105,15 +105,14 @@ def by_state() -> None:
 
 def beside(folder: str) -> None:
     """Times of shipped runs here and in another version, in turn, and the ratio of the least."""
-    places = [str(Path(__file__).parents[1]), folder]
+    places = [str(Path(__file__).resolve().parents[1]), str(Path(folder).resolve())]
     times: list[list[list[float]]] = [[], []]
     for _ in range(ROUNDS):
         for seen, place in zip(times, places, strict=True):
             path = os.pathsep.join(str(Path(place) / part) for part in ("", "extensions", "reproduction"))
-            command = [sys.executable, __file__, "--shipped"]
-            done = subprocess.run(
-                command, check=True, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}
-            )
+            command = [sys.executable, str(Path(__file__).resolve()), "--shipped"]
+            surroundings = {**os.environ, "PYTHONPATH": path}
+            done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=place, env=surroundings)
             seen.append(json.loads(done.stdout))
     for name, ours, other in zip(SHIPPED, *(map(min, zip(*seen, strict=True)) for seen in times), strict=True):
         print(
