@@ -189,15 +189,16 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
         for p in range(source.size):
             _write_response(plant, interval, p, source, work)
             h, step = own_response(plant, interval, p), 0j
-            if plant.ports[p].kind == INVERTER and not work.blocked[p]:
-                rest = step = settled(plant, interval, h, source[p], p, work) - source[p]
-                before = math.inf if work.blocked[p] else before
-            else:
-                rest = law(plant, x, reference, interval, p, work) - source[p]
-                step = _own_step(h, work.slope[p], rest)
+            rest = law(plant, x, reference, interval, p, work) - source[p]
             square = rest.real * rest.real + rest.imag * rest.imag
             size = source[p].real * source[p].real + source[p].imag * source[p].imag
-            solved = solved and square <= tolerance * tolerance * (1.0 + size)
+            right = square <= tolerance * tolerance * (1.0 + size)
+            if plant.ports[p].kind != INVERTER or work.blocked[p]:
+                step = _own_step(h, work.slope[p], rest)
+            elif not right:
+                step = settled(plant, interval, h, source[p], p, work) - source[p]
+                before = math.inf if work.blocked[p] else before
+            solved = solved and right
             total += square
             source[p] += step
         if solved or (large and before < math.inf and total * total <= tolerance * tolerance * before):

@@ -74,12 +74,12 @@ BLOCK = np.dtype(
         ("inputs", "i8"),
         ("source", "i8", (MAX_INPUTS,)),  # input signals
         ("weight", "f8", (MAX_INPUTS,)),
-        ("p", "f8", (2 * POINTS,)),
         ("low", "f8"),
         ("high", "f8"),
         ("low_of", "i8"),  # signals that multiply the limits
         ("high_of", "i8"),
         ("hold", "i8"),  # the signal that holds its states while it is 1
+        ("p", "f8", (2 * POINTS,)),  # last, as most rows use the first few alone
     ]
 )
 # Of a machine: the rows of each control, and its output signal; no rows: no control of this sort.
