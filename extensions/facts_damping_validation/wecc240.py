@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 FOLDER = "wecc240"
 FILES = ("240busWECC_2018_PSS32_fixed_shunts.raw", "240busWECC_2018_PSS.dyr")
 SWINGS = (0.2 * np.pi, 6.0 * np.pi)  # rad/s, of the eigenvalues that are compared with stabilisers
-SAME_POWER_FLOW, SAME_EQUATIONS = 1e-8, 2e-6  # p.u.; 1/s
+SAME_POWER_FLOW = 1e-8  # p.u.
+SAME_SWINGS, SAME_EQUATIONS = 2e-6, 1e-5  # 1/s; the second also of eigenvalues that lie together
 NOTHING = 1e-9  # 1/s, of a coefficient of a state matrix
 STEP = 1e-5  # p.u., what ANDES's steps of 8.3 ms may leave of speeds
 TRIP = {"kind": "generator_trip", "machine": "G1431_N", "time": 1.0}
@@ -41,7 +42,7 @@ def andes() -> ValidationTable:
     with models_with({"REECB1": (DIVIDES,)}):
         rows = [_voltages(without), _all_eigenvalues(without), _swings(_as_there(content)), _trip(without)]
     command = f"facts-damping import {' '.join(FILES)}"
-    return ValidationTable("WECC-240", "ANDES; stabilisers: their transfer functions", command, rows)
+    return ValidationTable("WECC-240", "ANDES", command, rows)
 
 
 @cache
@@ -100,7 +101,7 @@ def _swings(system: System) -> Row:
     theirs, ours = _theirs("with"), _eigenvalues(linearise(build(system, [], []))[0])
     ours = ours[(np.abs(ours.imag) >= SWINGS[0]) & (np.abs(ours.imag) <= SWINGS[1])]
     what = f"with ten IEEEST: all {len(ours)} eigenvalues of 0.1 to 3 Hz"
-    return within(what, "1/s", furthest(ours, theirs), SAME_EQUATIONS)
+    return within(what, "1/s", furthest(ours, theirs), SAME_SWINGS)
 
 
 def _coupled(A: Float2) -> Float2:

@@ -1,6 +1,6 @@
 """Figures of ANDES for WECC-240: writes the CSV files of `config/references/wecc240` from the RAW and DYR there.
 
-In an environment of its own, from the root of the repository:
+In another environment, from the root of the repository:
 
     pip install andes==2.0.0
     python tests/data/make_andes_wecc240.py
@@ -52,7 +52,7 @@ def without_stabilisers(folder: str) -> tuple[str, list[list[str]]]:
     """A DYR file without IEEEST, and their records: bus, machine, constants."""
     pattern = rf"^([^\n]*'{RECORD}'[^/]*)/"
     text = DYR.read_text()
-    records = [re.findall(r"[^\s,']+", found) for found in re.findall(pattern, text, re.MULTILINE)]
+    records = [re.findall(r"[^\s,']+", record) for record in re.findall(pattern, text, re.MULTILINE)]
     path = Path(folder) / "without.dyr"
     path.write_text(re.sub(pattern, "", text, flags=re.MULTILINE))
     return str(path), [[bus, machine, *constants] for bus, _, machine, *constants in records]
@@ -104,8 +104,8 @@ def solved(dyr: str, tripped: str | None) -> tuple[Any, Table, Table]:
 def of_each_other(A: np.ndarray) -> np.ndarray:
     """Eigenvalues of the states that act on each other: the largest strongly connected part of a state matrix."""
     _, part = connected_components(csr_matrix(np.abs(A) > NOTHING), connection="strong")
-    kept = part == np.bincount(part).argmax()
-    return np.linalg.eigvals(A[np.ix_(kept, kept)])
+    coupled = part == np.bincount(part).argmax()
+    return np.linalg.eigvals(A[np.ix_(coupled, coupled)])
 
 
 def with_stabilisers(A: np.ndarray, states: list[str], records: list[list[str]], machines: dict[str, str]) -> Any:
@@ -122,13 +122,13 @@ def with_stabilisers(A: np.ndarray, states: list[str], records: list[list[str]],
             denominator = np.polymul(denominator, factor)
         a, b, c, d = tf2ss(np.trim_zeros(numerator, "f"), np.trim_zeros(denominator, "f"))
         g = machines[f"{bus} {machine}"]
-        speed, own = states.index(f"omega GENROU {g}"), slice(n + order * k, n + order * (k + 1))
+        speed, inner = states.index(f"omega GENROU {g}"), slice(n + order * k, n + order * (k + 1))
         into = np.zeros(len(whole))
         into[states.index(f"LL_x SEXS {g}")] = 1.0 / 10.0  # 1/TB
         into[states.index(f"LAW_y SEXS {g}")] = 0.1 * 100.0 / 0.1  # TA/TB K/TE
-        whole[own, own] = a
-        whole[own, speed] += b.ravel()
-        whole[:, own] += np.outer(into, c.ravel())
+        whole[inner, inner] = a
+        whole[inner, speed] += b.ravel()
+        whole[:, inner] += np.outer(into, c.ravel())
         whole[:, speed] += into * d.item()
     return whole
 
@@ -141,9 +141,9 @@ def run(ss: Any, units: dict[str, str]) -> Table:
     if not ss.TDS.run():
         raise RuntimeError("the run does not end")
     times, speeds = np.array(ss.dae.ts.t), np.array(ss.dae.ts.x)[:, ss.GENROU.omega.a]
-    kept = [k for k in range(EVERY, len(times), EVERY) if abs(times[k] - AT) > 1.5e-4]
+    rows = [k for k in range(EVERY, len(times), EVERY) if abs(times[k] - AT) > 1.5e-4]
     shown = [list(ss.GENROU.idx.v).index(i) for i in units]
-    return [["t", *units.values()]] + [[times[k], *speeds[k, shown]] for k in kept]
+    return [["t", *units.values()]] + [[times[k], *speeds[k, shown]] for k in rows]
 
 
 def write(name: str, rows: Table, form: str) -> None:

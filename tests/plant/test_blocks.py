@@ -472,6 +472,17 @@ def test_control_is_the_transfer_function_of_its_standard(
         assert response(other, signals, s) == pytest.approx(expected(s, other), rel=1e-5, abs=1e-7)
 
 
+@pytest.mark.parametrize("hertz", [0.1, 0.7, 5.0])
+@pytest.mark.parametrize("filters", [(1.013, 0.013, 0.0, 0.0), (0.1, 0.0, 0.2, 0.0), (0.1, 0.0, 0.2, 0.02)])
+def test_numerator_of_order_two_acts_over_any_denominator_of_order_two(
+    filters: tuple[float, ...], hertz: float
+) -> None:
+    """IEEEST as in WECC-240, whose second filter is none; of two filters of first order; of the second alone."""
+    changes = dict(zip(("A1", "A2", "A3", "A4"), filters, strict=True))
+    data, s = control_of("IEEEST", **changes, A5=1.013, A6=0.113, T1=3.0, T2=0.02, T3=0.0, T4=0.0), 2j * np.pi * hertz
+    assert response(data, "omega", s) == pytest.approx(ieeest(s, data), rel=1e-5)
+
+
 @pytest.mark.parametrize("model", BLOCK_CONTROLS)
 def test_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
     """But for those that need one: of a loop, of an integrator."""
