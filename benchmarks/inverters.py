@@ -22,7 +22,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.simulation import assembly, loop
 
 SECONDS = 5.0
-ROUNDS = 9
+ROUNDS = 5
 COUNTS = (4, 16, 64, 150)  # units of a grid
 SHIPPED = {"two_area": "load_1", "new_england_39": "load_3", "nets_nyps": "load_17", "minniwecc": "load_8"}
 MACHINE: dict[str, Any] = {

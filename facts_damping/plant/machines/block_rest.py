@@ -148,6 +148,7 @@ def _violations(block_control: Control, models: Sequence[Any], s: Float1, at: in
         side, of = ("low", row["low_of"]) if value < low else ("high", row["high_of"])
         data, block = of_signal[name]
         limit = getattr(block, side)
-        field = limit if isinstance(limit, str) else None
-        wrong.append(LimitViolation(data, name, float(value), float(low), float(high), field, float(value / s[of])))
+        field = limit if isinstance(limit, str) and s[of] != 0.0 else None
+        wanted = float(value / s[of]) if s[of] != 0.0 else float(value)
+        wrong.append(LimitViolation(data, name, float(value), float(low), float(high), field, wanted))
     return wrong
