@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.plant.grid import InfiniteBus
+    from facts_damping.parameters.plant.inverters import Inverter
     from facts_damping.parameters.plant.machines import Machine
     from facts_damping.parameters.plant.system import System
 
@@ -59,8 +60,8 @@ def text(system: System, name: str) -> str:
     lines = [
         f"function mpc = {name}",
         f"% {system.name}: {' '.join(system.description.split())}",
-        "% Written by facts-damping export: network and power flow. Machines' dynamics, exciters, governors and FACTS",
-        "% devices are not part of a MATPOWER case.",
+        "% Written by facts-damping export: network and power flow. Dynamics of machines and inverters, their controls",
+        "% and FACTS devices are not part of a MATPOWER case.",
         "mpc.version = '2';",
         f"mpc.baseMVA = {base:.15g};",
     ]
@@ -101,29 +102,27 @@ def _plain(power: complex, base: float) -> complex:
 def _generators(
     system: System, flow: PowerFlow, numbers: dict[str, int]
 ) -> tuple[list[Row], list[int], NDArray[np.complex128]]:
-    """Machines and infinite buses as generators, the types of all buses, and the generation at each bus, MVA."""
+    """Machines, inverters and infinite buses as generators, the types of all buses, and the generation at each, MVA.
+
+    An inverter that holds no voltage has limits of reactive power that are its schedule, so that its bus stays PQ.
+    """
     base = system.base_power
     generation, rows, types = np.zeros(len(numbers), complex), list[Row](), [PQ] * len(numbers)
-    ratings = {m.name: m.rating for m in system.machines}
-    fixed = {row.name for row in system.infinite_buses} | {m.name for m in system.machines if m.slack}
-    sources: list[InfiniteBus | Machine] = [*system.infinite_buses, *system.machines]
+    ratings = {unit.name: unit.rating for unit in system.units}
+    fixed = {row.name for row in system.infinite_buses} | {unit.name for unit in system.units if unit.slack}
+    sources: list[InfiniteBus | Machine | Inverter] = [*system.infinite_buses, *system.units]
     for source in sources:
         at, power = numbers[source.bus] - 1, flow.generation[source.name] * base
         generation[at] += power
-        types[at] = REFERENCE if source.name in fixed else max(types[at], PV)
         rating = ratings.get(source.name, max(base, abs(power)))
-        generator_row = [
-            at + 1,
-            power.real,
-            power.imag,
-            rating,
-            -rating,
-            source.V,
-            rating,
-            1,
-            max(rating, power.real),
-            0,
-        ]
+        Q_max, Q_min, V = rating, -rating, source.V
+        if V is None:
+            Q_max = Q_min = power.imag
+            V = abs(flow.voltage[at])
+        else:
+            types[at] = REFERENCE if source.name in fixed else max(types[at], PV)
+        P_max, P_min = max(rating, power.real), min(0.0, power.real)
+        generator_row = [at + 1, power.real, power.imag, Q_max, Q_min, V, rating, 1, P_max, P_min]
         rows.append((generator_row, source.name))
     return rows, types, generation
 

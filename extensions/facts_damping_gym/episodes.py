@@ -191,12 +191,18 @@ def checked(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 
 def weights_of(case: Case) -> NDArray[np.float64]:
-    """Weights of machines' speeds in the monitored speed differences, (differences, machines)."""
+    """Weights of the monitored speed differences, (differences, machines + PMUs).
+
+    Of the speeds of machines, and where there is no rotor of the frequencies of PMUs.
+    """
     machines = [machine.name for machine in case.system.machines]
-    of = {pmu.name: pmu.machine for pmu in case.system.pmus}
+    at = {
+        pmu.name: machines.index(pmu.machine) if pmu.machine in machines else len(machines) + s
+        for s, pmu in enumerate(case.system.pmus)
+    }
     judged = measure_weights(case.system.model_dump(by_alias=True))
-    speed_weights = np.zeros((len(judged), len(machines)))
+    speed_weights = np.zeros((len(judged), len(machines) + len(at)))
     for row, weights in zip(speed_weights, judged.values(), strict=True):
         for pmu, weight in weights.items():
-            row[machines.index(str(of[pmu]))] += weight
+            row[at[pmu]] += weight
     return speed_weights

@@ -14,10 +14,12 @@ from facts_damping.control.called import Sensed, sense
 from facts_damping.control.inputs import Inputs, LatestSamples
 from facts_damping.link.transfer import RING_DELIVERED
 from facts_damping.monitor_table import TRIPPED
+from facts_damping.signals import CHANNELS
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.tick import Loop, run_half_ticks
 
 SIGNAL, AGE, MISSING = range(3)  # indices of a window's last axis
+FREQUENCY = list(CHANNELS).index("frequency")
 MAX_SIGNAL, MAX_AGE = 100.0, 10.0  # in scales, and s: values are clipped to these
 
 
@@ -53,20 +55,29 @@ def observe(
     end_ns: int,
     window: NDArray[np.float32],
     scale: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    machines: NDArray[Any],
-    deviations: NDArray[np.float64],
 ) -> None:
-    """Write a tick's delivered signals into the window, and true speed differences into `deviations`, p.u.
-
-    `weights`: (differences, machines); `machines`: (machines,) of MACHINE_TRUTH.
-    """
+    """Write a tick's delivered signals into the window."""
     sense(eyes.inputs, eyes.held, eyes.sensed, 0, delivered, delivered.size, end_ns)
     append_to_window(window, eyes.held.signal[0], eyes.sensed.age[0], eyes.sensed.fresh[0], scale)
+
+
+@compiled
+def compare_speeds(
+    weights: NDArray[np.float64], loop: Loop, tick: int, nominal: float, deviations: NDArray[np.float64]
+) -> None:
+    """Write a tick's speed differences, p.u.: of true speeds, or of reported frequencies where there is no rotor.
+
+    `weights`: (differences, machines + PMUs); `nominal`: frequency, Hz.
+    """
+    machines, frame = loop.signals.machines[tick], loop.signals.frames[tick]
     for d in range(weights.shape[0]):
         deviations[d] = 0.0
-        for m in range(weights.shape[1]):
+        for m in range(machines.size):
             deviations[d] += weights[d, m] * machines[m].speed_deviation
+        for s in range(weights.shape[1] - machines.size):
+            hertz, weight = frame[s, FREQUENCY], weights[d, machines.size + s]
+            if weight != 0.0 and math.isfinite(hertz):
+                deviations[d] += weight * (hertz / nominal - 1.0)
 
 
 class Information(Struct):
@@ -93,7 +104,7 @@ class Episodes(Struct):
     setpoints: Float2  # (episodes, devices), p.u., of that controller
     windows: Annotated[NDArray[Any], Array(np.float32, 4)]  # (episodes, ticks, signals, 3)
     scale: Float1
-    weights: Float3  # (episodes, differences, machines)
+    weights: Float3  # (episodes, differences, machines + PMUs)
     deviations: Float2  # (episodes, differences)
     information: Information
 
@@ -131,5 +142,7 @@ def step_many(all_of: Episodes, first: int, stride: int) -> None:
         eyes, link, end_ns = all_of.eyes[e], links.used[agent], tick_ns(tick + 1, loop.measured.pmus.frame_rate)
         rows = links.up.out[link, : links.up.ring[link, RING_DELIVERED]]
         window, weights, deviations = all_of.windows[e], all_of.weights[e], all_of.deviations[e]
-        observe(eyes, rows, end_ns, window, all_of.scale, weights, signals.machines[tick], deviations)
+        observe(eyes, rows, end_ns, window, all_of.scale)
+        nominal = loop.measured.plant.omega_0 / (2.0 * math.pi)
+        compare_speeds(weights, loop, tick, nominal, deviations)
         tell(all_of.information, e, loop, tick, deviations)

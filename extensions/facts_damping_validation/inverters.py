@@ -6,7 +6,6 @@ Where ANDES has an equation otherwise than the specification, ours is put as AND
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,16 +18,15 @@ from facts_damping.parameters.files import read_yaml
 from facts_damping.parameters.plant.system import System
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.signals import CHANNELS
+from facts_damping_validation.as_there import DIVIDES, models_with
 from facts_damping_validation.small_signal import CLOSE, eigenvalues, varied
 from facts_damping_validation.table import Row, ValidationTable, figures, within
 from facts_damping_validation.time_domain import follow
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from contextlib import AbstractContextManager
 
     from numpy.typing import NDArray
-
-    from facts_damping.machine_controls.blocks import Model
 
 FOLDER = "andes_inverters"
 CASES = {  # what is compared, and the bus of the conductance; none: no series
@@ -45,7 +43,6 @@ BESIDE_A_KINK = 1e-6  # p.u., by which the voltage of a start is above it, for e
 SAME_POWER_FLOW, SAME_EQUATIONS = 1e-9, 2e-5  # p.u.; 1/s
 STEP = {"voltages": 3e-5, "speeds": 4e-6, "power of the inverter": 6e-5}  # p.u., what ANDES's step may leave
 FOREVER = 1e9  # s
-DIVIDES = Block("V_divisor", "limiter", "Vd", (), 0.01)
 AS_THERE = {
     "ESST3A": (
         Block("VE_now", "source", "Vd + Vq + Id + Iq", ("KP", "THETAP", "KI", "XL")),
@@ -64,26 +61,13 @@ PLL = (
 )
 
 
-@contextmanager
-def as_there(case: str) -> Iterator[None]:
+def as_there(case: str) -> AbstractContextManager[None]:
     """With models as ANDES has them."""
-    before = dict(MODELS)
-    try:
-        for name, blocks in AS_THERE.items():
-            MODELS[name] = _with_blocks(MODELS[name], blocks)
-        converter = MODELS["REGCA1"]
-        if case.endswith("regcp1") and converter.source is not None:
-            turned = converter.source._replace(angle="pll_angle")
-            MODELS["REGCA1"] = converter._replace(blocks=(*converter.blocks, *PLL), source=turned)
-        yield
-    finally:
-        MODELS.update(before)
-
-
-def _with_blocks(model: Model, blocks: tuple[Block, ...]) -> Model:
-    """A model with some blocks in the place of those of their names."""
-    names = {block.name for block in blocks}
-    return model._replace(blocks=(*(block for block in model.blocks if block.name not in names), *blocks))
+    converter = MODELS["REGCA1"]
+    if not case.endswith("regcp1") or converter.source is None:
+        return models_with(AS_THERE)
+    turned = converter.source._replace(angle="pll_angle")
+    return models_with(AS_THERE, REGCA1=converter._replace(blocks=(*converter.blocks, *PLL), source=turned))
 
 
 def system_of(case: str) -> System:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from facts_damping.input_files import read_text, share_folder
 from facts_damping_validation import (
     devices,
-    grid_forming,
     inverters,
     minniwecc,
     pmus,
@@ -15,6 +14,8 @@ from facts_damping_validation import (
     small_signal,
     start,
     time_domain,
+    two_areas,
+    wecc240,
 )
 from facts_damping_validation.table import summary
 
@@ -37,7 +38,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "eigenvalues-others": small_signal.others,
     "modes-nets-nyps": small_signal.nets_nyps,
     "eigenvalues-minniwecc": minniwecc.eigenvalues,
-    "eigenvalues-grid-forming": grid_forming.eigenvalues,
+    "eigenvalues-two-areas": two_areas.eigenvalues,
     "transfer-minniwecc": minniwecc.transfer,
     "closed-loops-minniwecc": minniwecc.closed_loops,
     "interarea": small_signal.two_area,
@@ -52,7 +53,8 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "time-domain": time_domain.andes,
     "disturbances-minniwecc": minniwecc.disturbances,
     "inverters": inverters.andes,
-    "disturbances-grid-forming": grid_forming.disturbances,
+    "wecc-240": wecc240.andes,
+    "disturbances-two-areas": two_areas.disturbances,
     "psse": psse.traces,
     "psse-steps": psse.traces_in_steps,
     "psse-files": psse.accepted,

@@ -201,7 +201,7 @@ def nets_nyps() -> ValidationTable:
         rows.append(compare("its damping ratio", "%", damping, mode[1], THREE_DECIMALS))
     rows.append(within("all fifteen modes: frequency", "Hz", nearest[:, 0] - theirs[:, 0], THREE_DECIMALS))
     rows.append(within("all fifteen modes: damping ratio", "%", nearest[:, 1] - theirs[:, 1], THREE_DECIMALS))
-    source = "Singh and Pal, report of 2013, version 3.3, table 4 (stabilisers on G1 to G12): three decimals"
+    source = "Singh and Pal, 2013, version 3.3, table 4: three decimals"
     return ValidationTable("Modes of nets_nyps without its devices", source, "facts-damping modes nets_nyps", rows)
 
 
@@ -220,7 +220,7 @@ def two_area() -> ValidationTable:
             for pair, expected in RESIDUES.items()
             if pair[0] == devices[-1]
         ]
-    source = "an independent calculation with the same equations; signs as in (2.42)"
+    source = "an independent calculation; signs as in (2.42)"
     command = "facts-damping modes two_area --devices sssc,statcom"
     return ValidationTable("Interarea mode of two_area", source, command, rows)
 

@@ -13,6 +13,7 @@ import numpy as np
 from facts_damping.analysis.grid_state import islands, states_of
 from facts_damping.analysis.measures import exactly_measured, inline_system
 from facts_damping.analysis.supervision import cause_text
+from facts_damping.machine_controls.block_models import MODELS
 from facts_damping.monitor_table import ARMED, STATES
 from facts_damping.parameters.files import shipped
 from facts_damping.signals import CHANNELS, NANOSECONDS
@@ -32,6 +33,7 @@ LATE_S = 2.0  # s; a longer mean latency suggests a mistake of units
 MOSTLY = 0.5  # fraction of the frames
 DRIFT = 0.5  # Hz, change of the machines' common frequency from start to end, without governors or an infinite bus
 NEVER_ARMED, NOT_TUNED = "never armed", "is not tuned for"
+FORMING = [name for name, row in MODELS.items() if row.source and (row.source.forming or row.source.virtual)]
 VOLTAGE_CHANNEL = list(CHANNELS).index("voltage_magnitude")
 
 
@@ -96,6 +98,7 @@ def _drift(record: Record) -> Iterator[str]:
     system = inline_system(record.configuration)
     rows = {row["name"]: row for row in system.get("machines") or () if isinstance(row, dict)}
     held = any(row.get("enabled", True) for row in system.get("governors") or ())
+    held = held or any(row["model"] in FORMING for row in system.get("inverters") or ())
     if system.get("infinite_buses") or held or set(rows) < set(record.machine_names) or not rows:
         return
     weights = np.array([rows[name]["rating"] * rows[name]["H"] for name in record.machine_names])

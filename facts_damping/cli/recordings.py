@@ -162,7 +162,8 @@ def export(arguments: argparse.Namespace) -> None:
     if path.suffix in of_system:
         system = loading.load_system(arguments.what)
         write_whole(path, of_system[path.suffix].load()(system, path))
-        say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines: {path}")
+        inverters = f", {len(system.inverters)} inverters" if system.inverters else ""
+        say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines{inverters}: {path}")
         return
     record = load(arguments.what)
     write(record, path)

@@ -33,4 +33,4 @@ def start(_device: InverterInput, site: Site) -> Start:
 
 
 SHOWN = Shown("inverter input", "power or voltage", "raises its power or voltage", "inverter input", "", "*")
-ROW = DeviceKind(table(), [], start, no_source, at_rest, model=InverterInput, shown=SHOWN)
+ROW = DeviceKind(table(), [], start, no_source, at_rest, model=InverterInput, shown=SHOWN, new={})

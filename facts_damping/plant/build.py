@@ -21,7 +21,7 @@ from facts_damping.plant.events import oscillating_loads, oscillations, topology
 from facts_damping.plant.grid import load
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 from facts_damping.plant.grid.reduction import Place, reduce_network, sparse_network
-from facts_damping.plant.inverters.start import input_signal, inverters_at_rest
+from facts_damping.plant.inverters.start import Inverters, input_signal, inverters_at_rest
 from facts_damping.plant.machines import blocks
 from facts_damping.plant.model import Plant, PlantState
 from facts_damping.plant.rotating import machines_at_rest
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
+    from facts_damping.plant.inverters.start import Inverters
     from facts_damping.plant.machines.block_rest import LimitViolation
     from facts_damping.plant.rotating import Rotating
 
@@ -66,31 +67,18 @@ def build(
     Raises `InputError` if the power flow does not converge, if limits exclude the initial state, or if an event is
     impossible.
     """
-    steps, flow, states = topology_intervals(system, listed), solve(system, installed), States()
-    rotating = machines_at_rest(system, flow, states)
-    ports = _salient_ports(system, rotating)
-    inverters = inverters_at_rest(system, flow, states, ports, sum(map(len, rotating.blocks)))
-    if violations := [*rotating.violations, *inverters.violations]:
-        raise ProblemsError(list(map(str, violations)))
-    every = np.concatenate([np.zeros(0, blocks.BLOCK), *rotating.blocks, *inverters.blocks])
-    magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
-    loads = _loads_at_ports(system, noisy, listed)
-    load_rows = _loads(system, loads, flow, magnitude, states, ports)
-    placed = _devices(system, in_service(system, installed), flow, magnitude, states, ports)
-    for d, device in enumerate(in_service(system, installed)):
-        if isinstance(device, AtInverter):
-            placed[d]["input"] = input_signal(inverters.rows[placed[d]["inverter"]], every, device)
+    steps = topology_intervals(system, listed)
+    start = _at_rest(system, installed, _loads_at_ports(system, noisy, listed))
+    flow, states, ports, rotating, inverters, every, loads, load_rows, placed = start
     if watchdog is not None:
         placed["watchdog"] = watchdog
     at: dict[str | None, int] = {None: -1} | {m.name: g for g, m in enumerate(system.machines)}
     online = np.array([[float(unit.name not in s.topology.machines_out) for unit in system.units] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
+    magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
     intervals = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
     sources = [u.bus for of_sort in (system.machines, system.infinite_buses, system.inverters) for u in of_sort]
     large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
-    outputs = len(system.machines) + len(ports.rows) + 2 * len(system.pmus)
-    for field, more in (("bus", 0), ("branch", len(system.meters))):
-        inverters.rows[field] += np.where(inverters.rows[field] < 0, 0, outputs + more)
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=to_ns(system.step),
@@ -124,6 +112,42 @@ def build(
     return Built(plant, PlantState(np.array(states.values), *at_rest, *lines), flow, states.names)
 
 
+class _Start(NamedTuple):
+    """All that a plant has at rest: power flow, states, ports, and tables of machines, inverters, loads and devices."""
+
+    flow: PowerFlow
+    states: States
+    ports: Ports
+    rotating: Rotating
+    inverters: Inverters
+    blocks: NDArray[Any]
+    loads: Sequence[Load]
+    load_rows: NDArray[Any]
+    placed: NDArray[Any]
+
+
+def _at_rest(system: System, installed: Sequence[str], loads: Sequence[Load]) -> _Start:
+    """The plant's parts at rest, `loads` at ports. Raises `InputError` with all limits that exclude the start."""
+    flow, states = solve(system, installed), States()
+    rotating = machines_at_rest(system, flow, states)
+    ports = _salient_ports(system, rotating)
+    inverters = inverters_at_rest(system, flow, states, ports, sum(map(len, rotating.blocks)))
+    if problems := [*map(str, [*rotating.violations, *inverters.violations]), *inverters.failures]:
+        raise ProblemsError(problems)
+    every = np.concatenate([np.zeros(0, blocks.BLOCK), *rotating.blocks, *inverters.blocks])
+    magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
+    load_rows = _loads(system, loads, flow, magnitude, states, ports)
+    present = in_service(system, installed)
+    placed = _devices(system, present, flow, magnitude, states, ports)
+    for d, device in enumerate(present):
+        if isinstance(device, AtInverter):
+            placed[d]["input"] = input_signal(inverters.rows[placed[d]["inverter"]], every, device)
+    outputs = len(system.machines) + len(ports.rows) + 2 * len(system.pmus)
+    for field, more in (("bus", 0), ("branch", len(system.meters))):
+        inverters.rows[field] += np.where(inverters.rows[field] < 0, 0, outputs + more)
+    return _Start(flow, states, ports, rotating, inverters, every, loads, load_rows, placed)
+
+
 def _salient_ports(system: System, rotating: Rotating) -> Ports:
     """Ports of machines whose subtransient reactances differ by axis; the columns of all machines are set."""
     ports = Ports()
@@ -146,10 +170,11 @@ def _loads_at_ports(system: System, noisy: Collection[str], listed: Sequence[Eve
 def limit_violations(system: System) -> list[LimitViolation]:
     """Limits of block controls that exclude the initial state, for a system without devices."""
     flow, states = solve(system, []), States()
-    return [
-        *machines_at_rest(system, flow, states).violations,
-        *inverters_at_rest(system, flow, states, Ports(), 0).violations,
-    ]
+    machines = machines_at_rest(system, flow, states)
+    inverters = inverters_at_rest(system, flow, states, Ports(), 0)
+    if inverters.failures:
+        raise ProblemsError(inverters.failures)
+    return [*machines.violations, *inverters.violations]
 
 
 def port_loads(system: System, noisy: Collection[str]) -> list[Load]:

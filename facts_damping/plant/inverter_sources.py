@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
@@ -42,23 +43,23 @@ def law(plant: Plant, interval: int, i: int, voltage: complex, p: int, work: Wor
     """Source of inverter i at its port p and terminal voltage, p.u. of the system; writes its derivative.
 
     A current source is f(|V|) turned by its angle. An EMF E has the current y (E - V), cut to I_max with its angle as
-    it is; its source is that beside the admittance, I + y V.
+    it is; its source is that beside the admittance, I + y V. A blocked inverter has no current.
     """
     v, size = plant.inverters[i], magnitude(voltage)
-    if plant.online[interval, plant.machines.size + i] == 0.0:
-        work.slope[p, 0, 0] = work.slope[p, 0, 1] = work.slope[p, 1, 0] = work.slope[p, 1, 1] = 0.0
-        return 0j
     along = complex(voltage.real / size, voltage.imag / size) if size > inverter.SMALL else 1.0 + 0j
     size = max(size, inverter.SMALL)
     turn, by_real, by_imag = along, (1.0 - along * along.real) / size, (1j - along * along.imag) / size
     if v.angle >= 0:
         turn, by_real, by_imag = work.inverter_turn[i], 0j, 0j
-    if v.source == inverter.CURRENT:
+    y = v.admittance
+    if work.blocked[p]:
+        total, by_real, by_imag = y * voltage, y, 1j * y
+    elif v.source == inverter.CURRENT:
         value, slope = inverter.reduced(v, work.inverter_source[i], size)
         total = value * turn
         by_real, by_imag = slope * along.real * turn + value * by_real, slope * along.imag * turn + value * by_imag
     else:
-        emf, y = work.inverter_source[i], v.admittance
+        emf = work.inverter_source[i]
         current = y * (emf * turn - voltage)
         by_real, by_imag = y * (emf * by_real - 1.0), y * (emf * by_imag - 1j)
         flowing = magnitude(current)
@@ -68,6 +69,37 @@ def law(plant: Plant, interval: int, i: int, voltage: complex, p: int, work: Wor
             by_imag = cut * (by_imag - unit * (unit.conjugate() * by_imag).real)
             current = v.I_max * unit
         total, by_real, by_imag = current + y * voltage, by_real + y, by_imag + 1j * y
-    work.slope[p, 0, 0], work.slope[p, 1, 0] = v.ratio * by_real.real, v.ratio * by_real.imag
-    work.slope[p, 0, 1], work.slope[p, 1, 1] = v.ratio * by_imag.real, v.ratio * by_imag.imag
-    return v.ratio * total  # type: ignore[no-any-return]
+    share = v.ratio * plant.online[interval, plant.machines.size + i]
+    work.slope[p, 0, 0], work.slope[p, 1, 0] = share * by_real.real, share * by_real.imag
+    work.slope[p, 0, 1], work.slope[p, 1, 1] = share * by_imag.real, share * by_imag.imag
+    return share * total  # type: ignore[no-any-return]
+
+
+@compiled
+def settled(plant: Plant, interval: int, h: complex, source: complex, p: int, work: Work) -> complex:
+    """Source of the inverter at port p with the other sources as they are, p.u. of the system, as `law` has it.
+
+    `h`: response to its source, which is `source` now. One that follows its voltage is blocked if it cannot be solved.
+    A current at an angle of its own is that of the voltage as it is.
+    """
+    i, without = plant.ports[p].row, work.response[p] - h * source
+    v, emf = plant.inverters[i], work.inverter_source[i]
+    share = v.ratio * plant.online[interval, plant.machines.size + i]
+    y = share * v.admittance
+    if v.angle >= 0 and v.source == inverter.CURRENT:
+        return share * inverter.reduced(v, emf, magnitude(work.response[p]))[0] * work.inverter_turn[i]  # type: ignore[no-any-return]
+    open_voltage, z = without / (1.0 - h * y), h / (1.0 - h * y)  # without its current; the response to that
+    if v.angle >= 0:
+        driven, back, most = y * (emf * work.inverter_turn[i] - open_voltage), y * z, share * v.I_max
+        current = driven / (1.0 + back)
+        if magnitude(current) > most:
+            across = math.sqrt(driven.real * driven.real + driven.imag * driven.imag - (most * back.imag) ** 2)
+            current = most * driven / complex(across, most * back.imag)
+        return current + y * (open_voltage + z * current)  # type: ignore[no-any-return]
+    size = inverter.greatest_voltage(v, emf, h * share, magnitude(without))
+    work.blocked[p] = size < 0.0
+    if work.blocked[p]:
+        return y * open_voltage  # type: ignore[no-any-return]
+    value = y * emf if v.source == inverter.VOLTAGE else share * inverter.reduced(v, emf, size)[0]
+    apart = size - h * value
+    return value * without / apart if magnitude(apart) > inverter.SMALL else value  # type: ignore[no-any-return]

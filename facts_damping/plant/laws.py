@@ -73,11 +73,11 @@ def law(plant: Plant, x: Float1, reference: Float1, interval: int, p: int, work:
     q = work.response[p]
     if port.kind == SALIENT:
         return salient(plant, interval, port.row, q, p, work)
+    if port.kind == INVERTER:
+        return inverter_law(plant, interval, port.row, q, p, work)
     if work.blocked[p]:
         work.slope[p, 0, 0] = work.slope[p, 0, 1] = work.slope[p, 1, 0] = work.slope[p, 1, 1] = 0.0
         return 0j
-    if port.kind == INVERTER:
-        return inverter_law(plant, interval, port.row, q, p, work)
     size = magnitude(q)
     direction = 1.0 + 0j
     if size > SMALL:

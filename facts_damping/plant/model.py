@@ -107,6 +107,7 @@ class Work(Struct):
     given: Complex1  # (ports,), response to all inputs except the ports' sources
     response: Complex1  # (ports,)
     blocked: Bool1  # (ports,)
+    given_up: Bool1  # (ports,), inverters that stay blocked
     low: Bool1  # (ports,), loads with their characteristic below V_min
     slope: Float3  # (ports, 2, 2), derivative of the source by the response
     matrix: Float2  # (2 ports, 2 ports + 1), of Newton's method, with the mismatch
@@ -143,6 +144,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(machines, np.complex128),
         np.zeros(ports, np.complex128),
         np.zeros(ports, np.complex128),
+        np.zeros(ports, np.bool_),
         np.zeros(ports, np.bool_),
         np.zeros(ports, np.bool_),
         np.zeros((ports, 2, 2)),

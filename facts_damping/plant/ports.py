@@ -16,7 +16,7 @@ from facts_damping.elementary import magnitude
 from facts_damping.numerics.matrices import eliminate
 from facts_damping.plant.converters.site import DEVICE, INVERTER, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.grid.sparse_network import solve_voltages
-from facts_damping.plant.inverters.inverter import CURRENT
+from facts_damping.plant.inverter_sources import settled
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.network_response import own_response, respond, row_times, set_sources
@@ -113,7 +113,8 @@ def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, interv
 
     A step that does not reduce the sum of squares is halved: limits cause kinks at which full steps may oscillate.
     """
-    if source.size >= MANY and _port_by_port(plant, x, reference, source, interval, work):
+    alone = source.size >= MANY or plant.inverters.size > 0
+    if alone and _port_by_port(plant, x, reference, source, interval, work):
         return True
     before, fraction = math.inf, 1.0
     for _ in range(MAX_ITERATIONS):
@@ -176,26 +177,34 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     """Newton's method for one port after the other, with the other sources as they are; returns whether it converged.
 
     A port is coupled most to itself, so that a round reduces the error some tenfold; it costs little more than the
-    mismatch. It is given up when the mismatch no longer falls to half. Of a large grid the mismatch after the last step
-    is expected to fall once more as it fell before.
+    mismatch. It is given up when the mismatch no longer falls to half; of a large grid with inverters, which are more
+    coupled, when it no longer falls. Of a large grid the mismatch after the last step is expected to fall once more as
+    it fell before. Inverters are solved in closed form, and blocked if they cannot be.
     """
     before, large = math.inf, len(plant.sparse_networks) > 0
-    tolerance = LARGE_TOLERANCE if large else TOLERANCE
+    tolerance, falls = LARGE_TOLERANCE if large else TOLERANCE, 1.0 if large and plant.inverters.size > 0 else 0.25
     for _ in range(MAX_ITERATIONS):
         solved, total = True, 0.0
         set_sources(plant, source, work)
         respond(plant, interval, work)
         for p in range(source.size):
             _write_response(plant, interval, p, source, work)
+            h, step = own_response(plant, interval, p), 0j
             rest = law(plant, x, reference, interval, p, work) - source[p]
             square = rest.real * rest.real + rest.imag * rest.imag
             size = source[p].real * source[p].real + source[p].imag * source[p].imag
-            solved = solved and square <= tolerance * tolerance * (1.0 + size)
+            right = square <= tolerance * tolerance * (1.0 + size)
+            if plant.ports[p].kind != INVERTER or work.blocked[p]:
+                step = _own_step(h, work.slope[p], rest)
+            elif not right:
+                step = settled(plant, interval, h, source[p], p, work) - source[p]
+                before = math.inf if work.blocked[p] else before
+            solved = solved and right
             total += square
-            source[p] += _own_step(own_response(plant, interval, p), work.slope[p], rest)
+            source[p] += step
         if solved or (large and before < math.inf and total * total <= tolerance * tolerance * before):
             return True
-        if not total < 0.25 * before:
+        if not total < falls * before:
             return False
         before = total
     return False
@@ -222,11 +231,20 @@ def _block(plant: Plant, work: Work) -> bool:
 
 @compiled
 def _can_block(plant: Plant, p: int) -> bool:
-    """Whether a port is that of a device, or of an inverter that is a current source."""
+    """Whether a port is that of a device, or of an inverter that follows its voltage."""
     port = plant.ports[p]
-    if port.kind == INVERTER:
-        return plant.inverters[port.row].source == CURRENT  # type: ignore[no-any-return]
-    return port.kind in (DEVICE, OTHER_END)
+    return port.kind in (DEVICE, OTHER_END) or (port.kind == INVERTER and plant.inverters[port.row].angle < 0)
+
+
+@compiled
+def _resume(plant: Plant, source: Complex1, interval: int, work: Work) -> int:
+    """Release the first blocked inverter that can be solved with the others as they are; its port, or -1."""
+    for p in range(source.size):
+        if plant.ports[p].kind == INVERTER and work.blocked[p] and not work.given_up[p]:
+            source[p] = settled(plant, interval, own_response(plant, interval, p), source[p], p, work)
+            if not work.blocked[p]:
+                return p
+    return -1
 
 
 @compiled
@@ -255,28 +273,38 @@ def solve_ports(plant: Plant, x: Float1, reference: Float1, source: Complex1, in
     Newton's method is tried from these starts until one converges: the last solution; no sources; all loads with their
     characteristic below V_min, as after a deep dip, then released one by one. If a device demands more than the network
     can carry (in series for its current, in parallel for its bus) there is no solution. Then all such devices are
-    blocked, and the last two starts are tried again. If this fails too, the network has no solution.
+    blocked, and the last two starts are tried again. If this fails too, the network has no solution. An inverter that
+    follows its voltage may be the only one without solution: those blocked are released one by one, or given up.
     """
     for p in range(source.size):
-        work.blocked[p] = work.low[p] = False
+        work.blocked[p] = work.low[p] = work.given_up[p] = False
     if (
         source.size == 1
         and plant.ports[0].kind not in (SALIENT, INVERTER)
         and _newton_single_port(plant, x, reference, source, interval, work)
     ):
         return
-    start = LAST_SOLUTION
+    start, released, turns = LAST_SOLUTION, -1, source.size
     while start < NO_MORE and math.isfinite(x[0]):
         if _newton(plant, x, reference, source, interval, work):
             if _release(plant, source, work):
                 continue
+            if released >= 0 and work.blocked[released]:
+                work.given_up[released] = True
+            released = _resume(plant, source, interval, work) if turns > 0 else -1
+            if released >= 0:
+                turns -= 1
+                continue
             if not _block(plant, work):
                 return
+        elif released >= 0:
+            work.given_up[released], released = True, -1
         else:
             start += 1
         for p in range(source.size):
             source[p] = 0.0
-            work.blocked[p] = work.blocked[p] or (start == BLOCKED and _can_block(plant, p))
+            stays = work.given_up[p] if plant.ports[p].kind == INVERTER else work.blocked[p]
+            work.blocked[p] = stays or (start >= BLOCKED and _can_block(plant, p))
             work.low[p] = start in (LOADS_LOW, BLOCKED_LOADS_LOW) and plant.ports[p].kind == LOAD
     for p in range(source.size):
         source[p] = complex(math.nan, math.nan)

@@ -9,6 +9,7 @@ import numpy as np
 
 from facts_damping.small_signal import descriptor
 from facts_damping.small_signal.descriptor import Descriptor
+from facts_damping.small_signal.zero_order_hold import ANGLES, SLIPS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,8 +26,8 @@ SWING_FRACTION = 0.5  # least participation of rotor angles and speeds in an ele
 
 COMMON_FRACTION = 0.2  # the same for a mode with all machines in phase, in which governors participate
 VIRTUAL_H = 4.0  # s, inertia with which a grid-forming inverter counts in a mode's label, that of a usual machine
-# States of a grid-forming inverter: its speed, p.u., or its angle, rad; and the power by which its speed droops.
-SLIPS, ANGLES, POWERS = (".slip",), (".angle", ".angle_order"), (".P_seen",)
+# States by which a grid-forming inverter swings: a virtual machine's, or the angle and the power of a droop.
+VIRTUAL, DROOPING = (*SLIPS, ".angle_IT"), (*ANGLES, ".P_seen")
 
 
 class Residue(NamedTuple):
@@ -154,8 +155,12 @@ def _forming(names: tuple[str, ...], system: System | None) -> dict[str, list[in
     One that follows the grid has an angle of a phase-locked loop, but no speed of its own.
     """
     at = _places(names)
-    forming = [i.name for i in system.inverters if i.forming] if system else []
-    return {name: [at[name + end] for end in (*SLIPS, *ANGLES, *POWERS) if name + end in at] for name in forming}
+    ends = {
+        i.name: VIRTUAL if any(i.name + end in at for end in SLIPS) else DROOPING
+        for i in (system.inverters if system else ())
+        if i.forming
+    }
+    return {name: [at[name + end] for end in of_one if name + end in at] for name, of_one in ends.items()}
 
 
 @cache

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.numerics.matrices import exponential, least_squares, product
-from facts_damping.small_signal.eigenmodes import ANGLES, SLIPS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
 
 
 TERMS = 16  # of a series with terms below 2^-k / k!
+SLIPS, ANGLES = (".slip",), (".angle", ".angle_order")  # states of inverters: speed, p.u., or angle, rad
 NEAR = 1e-6  # relative to cancelling terms and to the largest derivative: smaller changes count as zero
 
 

@@ -14,6 +14,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.yaml_text import dump
+from tests import two_plants
 from tests.case.test_loading import assert_one_line
 
 if TYPE_CHECKING:
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 Changes = dict[str, Any]
-SYSTEMS = {name: load_system(name).model_dump(by_alias=True) for name in ("two_area", "smib")}
+NAMES = {"two_area": "two_area", "smib": "smib", **{name: two_plants.path(name) for name in two_plants.NAMES}}
+SYSTEMS = {name: load_system(at).model_dump(by_alias=True) for name, at in NAMES.items()}
 
 
 def altered(name: str, changes: Changes) -> dict[str, Any]:
@@ -267,6 +269,57 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
     ),
     "gain reduction too fast": ("two_area", {"exciters.0.TB": 0.005}, "exciters.0: TB must be 0 or at least 0.01 s"),
     "half a gain reduction": ("two_area", {"exciters.0.TC": 1.0}, "exciters.0: TC = 1 needs TB above 0"),
+    "control of an unknown inverter": (
+        "solar",
+        {"inverter_controls.1.inverter": "WIND"},
+        "inverter_controls.1.inverter: 'WIND' given; allowed: SOLAR",
+    ),
+    "input of an unknown inverter": (
+        "solar",
+        {"devices.0.inverter": "G1"},
+        "devices: pod_p.inverter: 'G1' given; allowed: SOLAR",
+    ),
+    "two controls of one sort": (
+        "solar",
+        {"inverter_controls.+": {**SYSTEMS["solar"]["inverter_controls"][1], "RefFlag": 0}},
+        "inverter_controls.2: REPCA1 given for SOLAR, which has REPCA1; allowed: one control of each sort",
+    ),
+    "branch elsewhere": (
+        "solar",
+        {"inverter_controls.1.bus": "B2", "inverter_controls.1.branch": "line_1"},
+        "inverter_controls.1.branch: 'line_1' given; allowed: line_3",
+    ),
+    "inverter without power": (
+        "solar",
+        {"inverters.0.P": None},
+        "inverters.0: P, V: none given; allowed: P, or V for the slack or at its bus",
+    ),
+    "inverter without power away from the slack": (
+        "solar",
+        {"inverters.0.P": None, "inverters.0.V": 1.0},
+        "inverters: SOLAR.P: none given; allowed: at the bus of the slack",
+    ),
+    "inverter of no model": ("solar", {"inverters.0.model": "REGC"}, "inverters.0.model: 'REGC' given; allowed: "),
+    "inverter with the name of a machine": (
+        "solar",
+        {"inverters.0.name": "G1", "devices": [], "inverter_controls": []},
+        "machines, inverters: 'G1' stands twice",
+    ),
+    "grid without a source": (
+        "solar",
+        {"machines": []},
+        "machines: none given; allowed: at least one, an infinite bus, or a grid-forming inverter",
+    ),
+    "speed where there is no rotor": (
+        "solar",
+        {"signals.w12.weights": {"G1": 1.0, "SOLAR": -1.0}},
+        "signals: w12 (speed_deviation).weights: 'SOLAR' given; allowed: G1, G2",
+    ),
+    "area of machines alone": (
+        "battery",
+        {"machines.0.area": "west", "machines.1.area": "east"},
+        "machines.*.area: given for some machines; allowed: for all, and all grid-forming inverters, or for none",
+    ),
     "PMU that measures a line elsewhere": (
         "two_area",
         {"pmus.4.branches": ["line_4"]},
@@ -290,7 +343,7 @@ def test_system_is_refused_by_name_in_one_line(case: str) -> None:
 
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_system_is_valid_before_it_is_altered(name: str) -> None:
-    assert check(System, altered(name, {}), "my.yaml") == load_system(name)
+    assert check(System, altered(name, {}), "my.yaml") == load_system(NAMES[name])
 
 
 @pytest.fixture

@@ -17,6 +17,8 @@ from facts_damping.plant.grid.power_flow import solve
 from facts_damping_grids.matpower_reading import import_case
 from facts_damping_grids.matpower_writing import text
 from tests.commands import assert_one_line
+from tests.plant.running import changed
+from tests.two_plants import path as file_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,6 +51,22 @@ def test_case_is_balanced_at_its_voltages(name: str, tmp_path: Path) -> None:
     path = tmp_path / "case.m"
     path.write_text(text(load_system(name), "case"))
     assert mismatch(CaseFrames(str(path), update_index=False)) < 1e-9
+
+
+@pytest.mark.parametrize("V", [None, 1.0])
+def test_inverters_are_generators(V: float | None, tmp_path: Path) -> None:
+    """One that holds no voltage leaves its bus a PQ bus, with the reactive power that it gives."""
+    solar = load_system(file_of("solar"))
+    system = changed(solar, inverters=[{**solar.inverters[0].model_dump(), "V": V}])
+    path = tmp_path / "case.m"
+    path.write_text(text(system, "case"))
+    case = CaseFrames(str(path), update_index=False)
+    assert mismatch(case) < 1e-9
+    assert case.bus["BUS_TYPE"].tolist() == [3, 2, 1 if V is None else 2]
+    row, flow = case.gen.iloc[2], solve(system).generation["SOLAR"] * 100
+    assert [row["PG"], row["QG"], row["MBASE"]] == pytest.approx([200.0, flow.imag, 300.0])
+    assert [row["QMAX"], row["QMIN"]] == pytest.approx([50.0, 50.0] if V is None else [300.0, -300.0])
+    assert case.bus["PD"].tolist() == pytest.approx([0.0, 0.0, 700.0])
 
 
 @pytest.mark.parametrize("name", ["new_england_39", "wscc_9"])

@@ -21,6 +21,8 @@ from facts_damping_gym.reward import IndexReward
 from facts_damping_gym.single import WideAreaDamping
 from facts_damping_gym.vector import WideAreaDampingVector
 from facts_damping_gym.window import Window
+from tests.plant.running import shipped
+from tests.two_plants import path
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -194,6 +196,19 @@ def test_information_is_that_of_the_record() -> None:
     assert np.ptp(record.devices["setpoint"]) > 0.0
     drawn = {(info["point"], info["seed"], info["in_synchronism"], info["tripped"]) for info in infos}
     assert drawn == {(0, infos[0]["seed"], True, False)}
+
+
+def test_index_counts_frequencies_where_there_is_no_rotor() -> None:
+    content = shipped(path("battery")).model_dump(by_alias=True)
+    content["signals"] = {"f": {"channel": "frequency", "weights": {"G1": 1.0, "BATTERY": -1.0}}}
+    content["measures"] = {"local": ["f"]}
+    agent = [{"name": "LLC", "devices": ["pod_p"], "signals": ["f"]}]
+    events = [{"time": 0.5, "kind": "fault", "bus": "B1", "duration": 0.05}]
+    env = WideAreaDamping(None, system=content, devices=["pod_p"], controllers=agent, scenario=events, duration=2)
+    last = played(env, 1)[-1][4]
+    index = fd.summarise(env.record())["indices"]["ITAE"]
+    assert index > 1e-4
+    assert last["ITAE"] == pytest.approx(index, rel=1e-9)
 
 
 def test_information_tells_a_trip_and_the_loss_of_synchronism() -> None:

@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 from facts_damping.devices.bess import Bess
 from facts_damping.devices.exciter_input import ExciterInput
 from facts_damping.devices.hvdc import Hvdc
+from facts_damping.devices.inverter_input import InverterInput
 from facts_damping.devices.load_modulation import LoadModulation
 from facts_damping.devices.sssc import Sssc
 from facts_damping.devices.statcom import Statcom
@@ -26,9 +27,11 @@ from facts_damping.parameters.plant.placement import place
 
 from .reference_controls import Damper, Turbine, exciter_of
 from .reference_devices import Battery, Capacitor, Input, Link, Modulated, Ramp, Series, Shunt, Susceptance
-from .reference_grid import HEALTHY, Array, Complex, Loads, power_flow, timeline
+from .reference_grid import HEALTHY, Array, Complex, Loads, pi_section, power_flow, timeline
+from .reference_inverters import Sight
 from .reference_machines import ROTORS, machine_start
 from .reference_network import Known, Network
+from .reference_plants import Inverter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -122,7 +125,7 @@ class Model:
                 block = Series(p, abs(self.flow.I[p.name]))
             elif isinstance(p, Tcsc):
                 block = Capacitor(p)
-            elif isinstance(p, ExciterInput):
+            elif isinstance(p, ExciterInput | InverterInput):
                 block = Input(p)
             else:
                 assert isinstance(p, AT_BUSES)
@@ -133,8 +136,41 @@ class Model:
             if p.response_time > 0.0:
                 self.lags[p.name] = len(self.start), p.response_time
                 self._add(p.name, ["reference"], [0.0])
+        self.inverters: list[Inverter] = []
+        self.first: list[int] = []  # of their states
+        for row in system.inverters:
+            self._start_inverter(row)
         self.x0 = np.array(self.start)
         self.healthy = Network(self, HEALTHY)
+
+    def _start_inverter(self, row: Any) -> None:
+        """An inverter at rest with its controls."""
+        system, voltage = self.system, self.flow.V[row.bus]
+        controls = {c.model: c for c in system.inverter_controls if c.inverter == row.name and c.enabled}
+        current = (self.flow.S[row.name] * system.base_power / row.rating / voltage).conjugate()
+        voltages = np.array([self.flow.V[bus.name] for bus in system.buses])
+        unit = Inverter(row, controls, self.sight(row, voltages, voltage, current, {}), self.omega_0)
+        self.inverters.append(unit)
+        self.first.append(len(self.start))
+        self._add(row.name, unit.states, unit.start)
+
+    def sight(self, row: Any, V: Complex, voltage: complex, current: complex, sets: Mapping[str, float]) -> Sight:
+        """What an inverter sees: its voltage and current, and those of its plant control's bus and branch."""
+        for c in self.system.inverter_controls:
+            if c.inverter == row.name and c.bus is not None:
+                line = next(line for line in self.system.lines if line.name == c.branch)
+                series, shunt = pi_section(line, 1.0, self.system.line_model)
+                buses = [bus.name for bus in self.system.buses]
+                here, there = (complex(V[buses.index(end)]) for end in (line.from_bus, line.to_bus))
+                here, there = (here, there) if line.from_bus == c.bus else (there, here)
+                flowing = (series + shunt) * here - series * there
+                branch = here * flowing.conjugate() * self.system.base_power / row.rating
+                return Sight(voltage, current, here, branch, sets)
+        return Sight(voltage, current, voltage, voltage * current.conjugate(), sets)
+
+    def set_at(self, name: str, u: Mapping[str, float]) -> dict[str, float]:
+        """Setpoints at an inverter by the signals that they are added to."""
+        return {p.input: u[p.name] for p in self.system.devices if isinstance(p, InverterInput) and p.inverter == name}
 
     def _at_buses(self, p: Any, V: list[float]) -> Parallel:
         """A device at one or two buses, at rest at their voltages."""
@@ -174,9 +210,9 @@ class Model:
         devices = {p.name: list[float]() for p in self.system.devices}
         devices |= {name: x[at : at + len(block.states)] for name, (block, at) in self.converters.items()}
         lagging = {name: x[at] for name, (at, _) in self.lags.items()}
-        return Known(
-            np.exp(1j * (delta - np.pi / 2.0)), np.array(E), devices, {**dict.fromkeys(devices, 0.0), **u, **lagging}
-        )
+        asked = {**dict.fromkeys(devices, 0.0), **u, **lagging}
+        inverters = [x[at : at + len(unit.states)] for unit, at in zip(self.inverters, self.first, strict=True)]
+        return Known(np.exp(1j * (delta - np.pi / 2.0)), np.array(E), devices, asked, inverters)
 
     def drop(self, p: Sssc | Tcsc, current: complex, known: Known, blocked: frozenset[str]) -> complex:
         """Voltage over an SSSC at its current; one that is not installed is its resistance alone. Of a TCSC too."""
@@ -214,6 +250,10 @@ class Model:
             if name in self.lags:
                 at, T = self.lags[name]
                 rates.append((u.get(name, 0.0) - values[at]) / T)
+        at_inverters = network.inverters_at, network.inverter_currents(s, known)
+        for inverter, z, bus, current in zip(self.inverters, known.inverters, *at_inverters, strict=True):
+            sets = self.set_at(inverter.row.name, known.u)
+            rates += inverter.rates(z, self.sight(inverter.row, s.V, complex(s.V[bus]), complex(current), sets))
         return np.array(rates)
 
     def _machine_rates(

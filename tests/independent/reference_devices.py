@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from facts_damping.devices.bess import Bess
     from facts_damping.devices.exciter_input import ExciterInput
     from facts_damping.devices.hvdc import Hvdc
+    from facts_damping.devices.inverter_input import InverterInput
     from facts_damping.devices.load_modulation import LoadModulation
     from facts_damping.devices.sssc import Sssc
     from facts_damping.devices.statcom import Statcom
@@ -70,11 +71,11 @@ class Series:
 
 
 class Input:
-    """Exciter input: only its reference, which its machine adds."""
+    """Exciter or inverter input: only its reference, which its machine or inverter adds."""
 
     states: tuple[str, ...] = ()
 
-    def __init__(self, p: ExciterInput) -> None:
+    def __init__(self, p: ExciterInput | InverterInput) -> None:
         self.p, self.start = p, list[float]()
 
     def rates(self, _z: Values, _u: float) -> Values:
@@ -230,7 +231,10 @@ class Ramp:
     """A device's reference: each setpoint, after its dead time, limited and approached at the largest rate."""
 
     def __init__(
-        self, p: Sssc | Statcom | Svc | Hvdc | LoadModulation | Bess | Tcsc | ExciterInput, targets: Targets, end: float
+        self,
+        p: Sssc | Statcom | Svc | Hvdc | LoadModulation | Bess | Tcsc | ExciterInput | InverterInput,
+        targets: Targets,
+        end: float,
     ) -> None:
         t, u = [0.0], [0.0]
         finite = [

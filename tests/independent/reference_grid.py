@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cmath
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.grid import Line
-    from facts_damping.parameters.plant.machines import Machine
     from facts_damping.parameters.plant.system import System
 
 Array = NDArray[np.float64]
@@ -169,7 +168,7 @@ class Flow:
 def _first_angles(system: System, grid: Grid) -> Array:
     """Angles at no load: those of the sources, carried on over phase-shifting transformers."""
     known = {row.bus: np.deg2rad(row.angle) for row in system.infinite_buses}
-    known |= {m.bus: np.deg2rad(m.angle) for m in system.machines if m.slack}
+    known |= {m.bus: np.deg2rad(m.angle) for m in system.units if m.slack}
     steps = [(row.from_bus, row.to_bus, 0.0) for row in system.lines]
     steps += [(row.from_bus, row.to_bus, np.deg2rad(row.phase_shift)) for row in system.transformers]
     steps += [(*row.ends, 0.0) for row in system.devices if isinstance(row, Sssc | Tcsc)]
@@ -195,13 +194,15 @@ def power_flow(system: System, installed: Sequence[str]) -> Flow:
     rs = np.array([complex(device.rs, -device.X) if isinstance(device, Tcsc) else device.rs for device in series])
     lossy = [isinstance(device, Sssc) and device.name in installed for device in series]
     g = np.array([getattr(device, "g", 0.0) * on for device, on in zip(series, lossy, strict=True)])
-    sources: list[Machine | InfiniteBus] = [*system.machines, *system.infinite_buses]
+    sources: list[Any] = [*system.machines, *system.infinite_buses, *system.inverters]
     at = [grid.row[source.bus] for source in sources]
     fixed = [i for i, source in enumerate(sources) if isinstance(source, InfiniteBus) or source.slack]
     free = [i for i in range(len(sources)) if i not in fixed]
     held = np.array([cmath.rect(sources[i].V, np.deg2rad(sources[i].angle)) for i in fixed])
     P = np.array([0.0 if isinstance(row, InfiniteBus) else (row.P or 0.0) / system.base_power for row in sources])
-    size = np.array([source.V for source in sources])
+    Q = np.array([getattr(row, "Q", 0.0) / system.base_power for row in sources])
+    size = np.array([source.V or 1.0 for source in sources])
+    holds = np.array([source.V is not None for source in sources])
 
     drawing = [p for p in system.devices if isinstance(p, Hvdc) or (isinstance(p, Statcom) and p.name in installed)]
 
@@ -231,7 +232,8 @@ def power_flow(system: System, installed: Sequence[str]) -> Flow:
         lost = np.divide(g, np.abs(current) ** 2, out=np.zeros(len(series)), where=g > 0.0)
         drop = V[ends[:, 0]] - V[ends[:, 1]] - (rs + lost) * current
         V_source = V[at]
-        set_points = (S.real[free] - P[free]) + 1j * (np.abs(V_source[free]) - size[free])
+        reactive = np.where(holds, np.abs(V_source) - size, S.imag - Q)
+        set_points = (S.real[free] - P[free]) + 1j * reactive[free]
         rows = np.concatenate([balance, drop, V_source[fixed] - held, set_points])
         return np.ravel([rows.real, rows.imag])
 

@@ -48,13 +48,18 @@ class Orders(NamedTuple):
 
 def within(value: float, low: float, high: float) -> float:
     """A value within two limits."""
-    return min(max(value, low), high)
+    return float(min(max(value, low), high))
 
 
 def shortened(current: complex, most: float) -> complex:
     """A current that is no larger than allowed, in its direction."""
     size = abs(current)
     return current * most / size if size > most else current
+
+
+def stopped(rate: float, value: float, low: float, high: float) -> float:
+    """Rate of an integral that comes to rest at its limits, no faster than they are reached in 2 ms."""
+    return within(rate, (low - value) / LEAST, (high - value) / LEAST)
 
 
 def lag(value: float, state: float, T: float) -> float:
@@ -112,10 +117,10 @@ class Droop:
             "P_seen": lag(S.real, P, p.Tpf),
             "Q_seen": lag(S.imag, Q, p.Tqf),
             "V_seen": lag(abs(sight.V), z["V_seen"], p.Tvf),
-            "P_above": held(p.Kipmax * (p.Pmax - P), z["P_above"], -math.inf, 0.0),
-            "P_below": held(p.Kipmax * (p.Pmin - P), z["P_below"], 0.0, math.inf),
-            "Q_above": held(p.Kiqmax * (p.Qmax - Q), z["Q_above"], -math.inf, 0.0),
-            "Q_below": held(p.Kiqmax * (p.Qmin - Q), z["Q_below"], 0.0, math.inf),
+            "P_above": stopped(p.Kipmax * (p.Pmax - P), z["P_above"], -math.inf, 0.0),
+            "P_below": stopped(p.Kipmax * (p.Pmin - P), z["P_below"], 0.0, math.inf),
+            "Q_above": stopped(p.Kiqmax * (p.Qmax - Q), z["Q_above"], -math.inf, 0.0),
+            "Q_below": stopped(p.Kiqmax * (p.Qmin - Q), z["Q_below"], 0.0, math.inf),
             "angle_order": self.omega_0 * slip,
         }
         if p.VFlag == 1:
@@ -135,7 +140,7 @@ class VirtualMachine:
 
     states = (
         *("P_seen", "Q_seen", "V_seen", "Id_seen", "Iq_seen", "slip", "washed", "pll_order", "angle", "angle_IT"),
-        *("angle_max", "angle_min", "E", "droop"),
+        *("angle_max", "angle_min", "E", "pulled"),
     )
 
     def __init__(self, p: Any, V: complex, S: complex, omega_0: float) -> None:
@@ -166,10 +171,10 @@ class VirtualMachine:
         return cmath.rect(within(free, low, high), pll + within(ahead, least, most)), free, low, high
 
     def _command(self, x: Values, orders: Orders, sets: Mapping[str, float]) -> float:
-        p, more = self.p, sets.get("Vaux", 0.0) + self.p.mq * sets.get("Qaux", 0.0)
-        if p.QVFlag != 1:
-            return self.V0 + p.mq * (orders.q - x[1]) + more
-        return orders.q - p.mq * (-x[4] if p.VdrpFlag == 1 else x[1]) + more
+        mq, more = float(self.p.mq), sets.get("Vaux", 0.0) + float(self.p.mq) * sets.get("Qaux", 0.0)
+        if self.p.QVFlag != 1:
+            return self.V0 + mq * (orders.q - x[1]) + more
+        return orders.q - mq * (-x[4] if self.p.VdrpFlag == 1 else x[1]) + more
 
     def current(self, x: Values, V: complex, orders: Orders, sets: Mapping[str, float]) -> complex:
         """Current for a voltage."""
@@ -189,7 +194,7 @@ class VirtualMachine:
         command = self._command(x, orders, sight.set)
         free, low, high = self._emf(x, command)[1:]
         active = self._shares(d, q)[0]
-        back = held(p.Ki * (-p.Ke * active - d), least, -self.widest, 0.0) if p.ESFlag == 1 else 0.0
+        back = stopped(p.Ki * (-p.Ke * active - d), least, -self.widest, 0.0) if p.ESFlag == 1 else 0.0
         stands = free if p.Kiv * (command - V) else x_E
         return [
             lag(S.real, P, p.Tpf),
@@ -202,7 +207,7 @@ class VirtualMachine:
             held(p.KiPLL * across, asked, p.DwPLLmin, p.DwPLLmax) if running else 0.0,
             self.omega_0 * turn,
             held(self.omega_0 * (slip - turn), ahead, least, most),
-            held(p.Ki * (active - d), most, 0.0, self.widest),
+            stopped(p.Ki * (active - d), most, 0.0, self.widest),
             back,
             held(p.Kiv * (command - V), stands, low, high),
             lag(pulled, droop, p.Tp) if p.Tp > 0.0 else 0.0,
@@ -222,7 +227,7 @@ class Following:
         self.P0, self.Q0 = S.real, S.imag
         self.start = [Vt, (S.real if p.RateFlag == 1 else I0.real), -I0.imag, E.real, E.imag]
         if self.pll:
-            self.states += ("Ip_order", "Iq_order", "pll", "angle")
+            self.states += ("Ip_sent", "Iq_sent", "pll", "angle")
             self.start += [I0.real, -I0.imag, 0.0, cmath.phase(V)]
 
     def _turn(self, x: Values, V: complex) -> complex:
@@ -267,4 +272,54 @@ class Following:
         ]
 
 
-SOURCES = {"REGFMA1": Droop, "REGFMB1": VirtualMachine, "REGCB1": Following, "REGCC1": Following}
+class Current:
+    """REGCA1: a current in the direction of the voltage; it is less at low and high voltage."""
+
+    def __init__(self, p: Any, V: complex, S: complex, _omega_0: float) -> None:
+        self.p, self.P0, self.Q0 = p, S.real, S.imag
+        size = abs(V)
+        Ip, Iq = S.real / size / self._gain(size), S.imag / size + self._less(size)
+        self.orders = Orders(Ip, Iq)
+        self.states: tuple[str, ...] = ("Ip_lag", "Iq_into", *(("V_low",) if p.Lvplsw == 1 else ()))
+        self.start = [Ip, Iq, *([size] if p.Lvplsw == 1 else [])]
+
+    def _gain(self, V: float) -> float:
+        """Active current at low voltage, as a fraction."""
+        low, high = self.p.Lvpnt0, self.p.Lvpnt1
+        return within((V - low) / (high - low), 0.0, 1.0)
+
+    def _less(self, V: float) -> float:
+        """Reactive current that high voltage takes away."""
+        return float(self.p.Khv * max(0.0, V - self.p.Volim))
+
+    def _most(self, x: Values) -> float:
+        """The active current that the logic of low voltage allows."""
+        p = self.p
+        if p.Lvplsw != 1 or x[2] > p.Brkpt:
+            return math.inf
+        return max(0.0, float(p.Lvpl1 * (x[2] - p.Zerox) / (p.Brkpt - p.Zerox)))
+
+    def current(self, x: Values, V: complex, _orders: Orders, _sets: Mapping[str, float]) -> complex:
+        """Current for a voltage."""
+        size = abs(V)
+        turn, less = V / size if size else 1.0 + 0.0j, self._less(size)
+        Iq = max(x[1] - less, self.p.Iolim) if less else x[1]
+        return complex(self._gain(size) * min(x[0], self._most(x)), -Iq) * turn
+
+    def rates(self, x: Values, sight: Sight, orders: Orders) -> Values:
+        p, most = self.p, self._most(x)
+        asked = min(orders.p, most) - max(p.Tg / LEAST - 1.0, 0.0) * max(0.0, x[0] - most)
+        grown, recovered = lag(asked, x[0], p.Tg), lag(orders.q, x[1], p.Tg)
+        grown = min(grown, p.Rrpwr) if self.P0 >= 0.0 else max(grown, -p.Rrpwr)
+        recovered = within(recovered, p.Iqrmin if self.Q0 < 0.0 else -math.inf, p.Iqrmax if self.Q0 > 0.0 else math.inf)
+        return [grown, recovered, *([lag(abs(sight.V), x[2], p.Tfltr)] if p.Lvplsw == 1 else [])]
+
+
+Source = Droop | VirtualMachine | Following | Current
+SOURCES: dict[str, type[Source]] = {
+    "REGFMA1": Droop,
+    "REGFMB1": VirtualMachine,
+    "REGCB1": Following,
+    "REGCC1": Following,
+    "REGCA1": Current,
+}

@@ -7,6 +7,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import root
 
 from facts_damping.devices.sssc import Sssc
 from facts_damping.devices.statcom import Statcom
@@ -33,6 +34,7 @@ class Known:
     E: Complex  # Ed + j Eq
     devices: dict[str, list[float]]
     u: dict[str, float]
+    inverters: list[list[float]]
 
 
 class Solution:
@@ -77,7 +79,10 @@ class Network:
         into = np.eye(n)
         scale = np.array([m.rating / system.base_power for m in system.machines])
         series = into[:, self.ends[:, 1]] - into[:, self.ends[:, 0]]
-        self.enter = np.hstack([into[:, self.at] * scale, -into[:, model.loads.at], series, into[:, self.shunts]])
+        self.inverters_at = np.array([row[i.bus] for i in system.inverters], dtype=int)
+        rated = np.array([i.rating / system.base_power for i in system.inverters])
+        parallel = [into[:, self.shunts], into[:, self.inverters_at] * rated]
+        self.enter = np.hstack([into[:, self.at] * scale, -into[:, model.loads.at], series, *parallel])
         held = dict.fromkeys(self.grid.bolted, 0j)
         held |= {row[b.bus]: b.V * np.exp(1j * np.deg2rad(b.angle)) for b in system.infinite_buses}
         self.held, self.held_V = np.array(list(held), dtype=int), np.array(list(held.values()), complex)
@@ -111,6 +116,7 @@ class Network:
             on = p.name in model.parallel and p.name not in blocked and V != 0.0
             current = model.parallel[p.name].current(z, known.u[p.name], V, end) if on else 0.0j
             currents.append(np.array([current]))
+        currents.append(self.inverter_currents(s, known))
         balance = self.enter @ np.concatenate(currents) - self.grid.Y @ s.V
         balance[self.held] = s.V[self.held] - self.held_V
         v = s.V[self.at] / known.turn
@@ -120,6 +126,14 @@ class Network:
         over = np.array([model.drop(p, complex(i), known, blocked) for p, i in zip(model.series, s.i, strict=True)])
         drops = s.V[self.ends[:, 0]] - s.V[self.ends[:, 1]] - over
         return np.concatenate([balance, stators, drops]).view(float)
+
+    def inverter_currents(self, s: Solution, known: Known) -> Complex:
+        """Currents of inverters into the network, p.u. of their ratings."""
+        units = zip(self.model.inverters, known.inverters, self.inverters_at, strict=True)
+        sets = self.model.set_at
+        return np.array(
+            [unit.current(x, complex(s.V[at]), sets(unit.row.name, known.u)) for unit, x, at in units], complex
+        )
 
     def _inverse(self, y: Array, known: Known, blocked: Blocked) -> Array:
         """The inverse of the Jacobian, by differences on one side: how soon Newton's method converges, not where to."""
@@ -145,6 +159,11 @@ class Network:
         self.inverses.pop(blocked, None)
         return None
 
+    def _powell(self, known: Known, blocked: Blocked) -> Array | None:
+        """Powell's method, where Newton's goes to and fro over the edge of a limit; none: no solution found."""
+        y = root(self.residual, self.first, (known, blocked), method="hybr", options={"xtol": 1e-15}).x
+        return y if float(np.abs(self.residual(y, known, blocked)).max()) < 1e-10 else None
+
     def _unfit(self, s: Solution) -> set[str]:
         """Devices whose current or voltage is too small to work with, or whose current is too large."""
         series = zip(self.model.series, s.i, strict=True)
@@ -158,10 +177,10 @@ class Network:
         for count in range(len(installed) + 1):
             for some in combinations(installed, count):
                 blocked = frozenset(some)
-                solutions = (
-                    self._newton(start, known, blocked) for start in (self.y, self.y, self.first, 0.5 * self.y)
-                )
+                starts = (self.y, self.y, self.first, 0.5 * self.y)
+                solutions = (self._newton(start, known, blocked) for start in starts)
                 y = next((y for y in solutions if y is not None), None)
+                y = self._powell(known, blocked) if y is None else y
                 s = None if y is None else self.split(y)
                 if s is not None and not self._unfit(s) & set(installed) - blocked:
                     self.y = s.y

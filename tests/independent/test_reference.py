@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
+from facts_damping.devices.inverter_input import InverterInput
 from facts_damping.signals import to_ns
 from facts_damping.small_signal.linearisation import linearise
 from tests.independent.reference import Model, Run
-from tests.independent.reference_cases import CASES
+from tests.independent.reference_cases import CASES as WITHOUT_INVERTERS
 from tests.independent.reference_devices import Battery, Capacitor, Input, Link, Modulated, Ramp
 from tests.independent.reference_grid import Stage
+from tests.independent.reference_inverter_cases import CASES as WITH_INVERTERS
 from tests.independent.reference_network import Network
 from tests.plant.running import events, follow, frame_times, plant, shipped, ssscs
 from tests.plant.test_options import CASES as OPTIONS
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
+CASES = {**WITHOUT_INVERTERS, **WITH_INVERTERS}
 SAME = {"limited_fine": "limited"}  # systems that differ by the package's step alone
 
 
@@ -136,6 +139,15 @@ def course(name: str) -> Run:
     return model.simulate(t, events(*case.events), case.targets, method=case.method, rtol=sharp, atol=sharp / 100.0)
 
 
+def inverter_current(model: Model, run: Run, name: str) -> float:
+    """Current of an inverter at the end of a course, p.u. of the system."""
+    i = [unit.row.name for unit in model.inverters].index(name)
+    unit, first = model.inverters[i], model.first[i]
+    x, V = run.x[-1, first : first + len(unit.states)].tolist(), complex(run.V[unit.row.bus][-1])
+    sets = model.set_at(name, {device: float(values[-1]) for device, values in run.references.items()})
+    return abs(unit.current(x, V, sets)) * float(unit.row.rating) / model.system.base_power
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_courses_agree(name: str) -> None:
     """Speeds within the case's bound; angles, voltages and devices follow from them."""
@@ -155,11 +167,18 @@ def test_courses_agree(name: str) -> None:
     terminals = [np.abs(run.V[machine.bus][-1]) for machine in system.machines]
     voltage = trace.machines["terminal_voltage"][-1]
     np.testing.assert_allclose(voltage, terminals, rtol=0, atol=1000 * case.bound)
+    inverters = tuple(f"{row.name}." for row in system.inverters)
+    for state in (name for name in run.names if name.startswith(inverters) and name in built.state_names):
+        x, theirs = trace.x[:, built.state_names.index(state)], run.state(state)
+        np.testing.assert_allclose(x, theirs, rtol=0, atol=1000 * case.bound * max(1.0, float(np.ptp(theirs))))
     for d, device in enumerate(devices):
         np.testing.assert_allclose(trace.reference[:, d], run.references[device], rtol=0, atol=1e-9)
         end = trace.devices[-1, d]
         if f"{device}.vdc" in run.names:
             assert end["dc_voltage"] == pytest.approx(run.state(f"{device}.vdc")[-1], rel=0, abs=1000 * case.bound)
+        elif isinstance(row := system.devices[d], InverterInput):
+            current = inverter_current(model, run, row.inverter)
+            assert end["current"] == pytest.approx(current, rel=0, abs=1000 * case.bound)
         elif isinstance(model.converters[device][0], Input):
             assert end["current"] == 0
         elif isinstance(bank := model.converters[device][0], Capacitor):

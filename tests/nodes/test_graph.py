@@ -39,6 +39,7 @@ from tests.nodes.graphs import (
     wait_until,
     wait_until_recording,
 )
+from tests.two_plants import path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -99,6 +100,17 @@ PLANTS = {
     "a class of one's own": [
         *("scenario=large", "duration=3", "link=pdci"),
         "controllers=" + json.dumps([{"name": "mine", "policy": LEAD_LAG}]),
+    ],
+    "an inverter's plant control, frequencies": [
+        *(f"system={path('solar')}", "devices=[pod_p]", "duration=3", "link=pdci", "measurement=p_class"),
+        "system.signals.f={channel: frequency, weights: {G1: 1, SOLAR: -1}}",
+        "controllers=" + json.dumps([{"name": "LLC", "signals": ["f"], "devices": ["pod_p"]}]),
+        "scenario=" + json.dumps([{"time": 1.0, "kind": "fault", "bus": "B1", "duration": 0.05}]),
+    ],
+    "a battery that forms the grid after a machine's trip": [
+        *(f"system={path('battery')}", "devices=[pod_p]", "duration=3", "supervision=standard", "arm_at=0.5"),
+        "controllers=" + json.dumps([{"name": "LLC", "signals": ["w12"], "devices": ["pod_p"]}]),
+        "scenario=" + json.dumps([{"time": 1.0, "kind": "generator_trip", "machine": "G2"}]),
     ],
     "stabilisers and governors": [
         *("devices=[statcom]", "controllers=[]", "scenario=multiple", "duration=4", "link=delay_100ms"),

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.errors import InputError
-from facts_damping.machine_controls.block_models import MODELS, quantity_of
+from facts_damping.machine_controls import block_models
+from facts_damping.machine_controls.block_models import quantity_of
 from facts_damping.parameters.plant.machines import BLOCK_CONTROLS
 from facts_damping.plant.machines import block_controls, block_rest, blocks
 from facts_damping.plant.machines.block_controls import GIVES
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+MODELS = {name: row for name, row in block_models.MODELS.items() if row.role in GIVES}  # of machines
 # Constants of each model in the order of a record: within limits, and no two alike.
 DC = "0.02 50 0.06 0.9 0.5 10 -10 1.1 0.5 0.08 1.3 0 2 0.1 3 0.5"
 AC, ALTERNATOR = "0.02 0.9 0.5 50 0.06 10 -10", "0.8 0.03 1.2 0.2 0.38 1.05 2 0.1 3 0.5"
@@ -468,6 +470,17 @@ def test_control_is_the_transfer_function_of_its_standard(
     if hasattr(data, "M") and MODELS[model].role == "governor":  # where its droop comes from
         other = control_of(model, M=1.0 - data.M)
         assert response(other, signals, s) == pytest.approx(expected(s, other), rel=1e-5, abs=1e-7)
+
+
+@pytest.mark.parametrize("hertz", [0.1, 0.7, 5.0])
+@pytest.mark.parametrize("filters", [(1.013, 0.013, 0.0, 0.0), (0.1, 0.0, 0.2, 0.0), (0.1, 0.0, 0.2, 0.02)])
+def test_numerator_of_order_two_acts_over_any_denominator_of_order_two(
+    filters: tuple[float, ...], hertz: float
+) -> None:
+    """IEEEST as in WECC-240, whose second filter is none; of two filters of first order; of the second alone."""
+    changes = dict(zip(("A1", "A2", "A3", "A4"), filters, strict=True))
+    data, s = control_of("IEEEST", **changes, A5=1.013, A6=0.113, T1=3.0, T2=0.02, T3=0.0, T4=0.0), 2j * np.pi * hertz
+    assert response(data, "omega", s) == pytest.approx(ieeest(s, data), rel=1e-5)
 
 
 @pytest.mark.parametrize("model", BLOCK_CONTROLS)

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import pytest
 
 from facts_damping.parameters.plant.placement import place
+from facts_damping.small_signal.modal_tables import analyse
+from facts_damping_studies.modes import one_line
 from facts_damping_views.bus_places import places
 from tests.plant.running import changed, shipped
+from tests.two_plants import path
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def test_buses_stand_at_their_positions_within_a_unit_square() -> None:
@@ -37,3 +45,24 @@ def test_without_all_positions_they_follow_from_reactances() -> None:
     rows = [{**b.model_dump(), "position": [0.0, 0.0] if b.name == "B1" else None} for b in system.buses]
     plain, partly = places(system), places(changed(system, buses=rows))
     assert all((plain[name] == partly[name]).all() for name in plain)
+
+
+@pytest.mark.parametrize(("name", "arrows"), [("solar", 2), ("battery", 3)])
+def test_inverters_are_drawn_with_what_acts_on_them(
+    name: str, arrows: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A square and a name at the bus; a star for the input; an arrow where it forms the grid."""
+    figures: list[Any] = []
+    monkeypatch.setattr(one_line, "save_picture", lambda figure, *_, **__: figures.append(figure))
+    modal = analyse(shipped(path(name)), ["pod_p"])
+    one_line.plot(modal.system, modal.built.flow, ["pod_p"], modal.swings[0], tmp_path / "one_line.png")
+    (axes,) = figures[0].axes
+    at = places(modal.system)["B3"]
+    markers = {str(line.get_marker()) for line in axes.lines if np.allclose(line.get_xydata(), [at])}
+    assert {"s", "*"} <= markers
+    texts = [text for text in axes.texts if text.get_text() == modal.system.inverters[0].name]
+    assert len(texts) == 1
+    assert np.allclose(texts[0].xy, at)
+    drawn = [text for text in axes.texts if text.arrow_patch is not None and text.arrow_patch.get_linewidth() == 1.4]
+    assert len(drawn) == arrows
+    assert "inverters" in [text.get_text() for text in figures[0].legends[0].texts]

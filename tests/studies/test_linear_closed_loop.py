@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,7 @@ from facts_damping_studies.margins.linear_closed_loop import (
     with_delay,
 )
 from tests.appendix_b import lead_lag
+from tests.plant.inverters import following
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,6 +47,8 @@ FRAME = 1.0 / 60.0
 
 # With a price at which its setpoints move so little from frame to frame that ramps are steps.
 LQG = ["controllers.0.name=LQG", "controllers.0.parameters.control_weight=1e-6"]
+INVERTER, AT_INVERTER = following("I1", "B6", 60.0, Q=10.0)
+POD = {"name": "pod", "kind": "inverter_input", "inverter": "I1", "input": "Vplant", "response_time": 0.01}
 # Controllers of the nonlinear loop, each with its own device: signal, device, gain.
 SETS = {
     "speed": ["controllers.0.signals=[speed]"],
@@ -54,6 +58,15 @@ SETS = {
         "controllers.0.devices=[statcom]",
         "controllers.0.signals=[voltage]",
         "controllers.0.parameters.gain=0.5",
+    ],
+    "through the plant control of an inverter": [
+        f"system.inverters={json.dumps([INVERTER])}",
+        f"system.inverter_controls={json.dumps(AT_INVERTER)}",
+        f"system.devices.1={json.dumps(POD)}",
+        "devices=[pod]",
+        "controllers.0.devices=[pod]",
+        "controllers.0.signals=[speed]",
+        "controllers.0.parameters.gain=5.0",
     ],
     "LQG": [*LQG, "controllers.0.parameters.measurement_noise=0.01"],
     "LQG, two signals": [*LQG, "controllers.0.signals=[power_rate, w13]"],

@@ -19,6 +19,7 @@ from facts_damping.recording.scan import scan
 from facts_damping_testing.loopback.opening import opened
 from facts_damping_views.layouts import layouts
 from tests.nodes.graphs import LOADED_S, assert_same, quiet
+from tests.two_plants import path as path_of
 from tests.views.bags import (
     Bag,
     Found,
@@ -77,6 +78,19 @@ def test_every_curve_of_plotjuggler_exists(recorded: Recorded) -> None:
     curves = plotjuggler_curves(recorded.plotjuggler)
     assert len(curves) > 40
     assert plotjuggler_faults(recorded.plotjuggler, series(recorded.bag)) == []
+
+
+def test_inverters_are_shown_by_their_pmus() -> None:
+    """Its power and voltage, and its frequency where frequencies are delivered; no speed."""
+    sets = [f"system={path_of('solar')}", "devices=[pod_p]", "scenario=[]"]
+    sets += ["system.signals.f={channel: frequency, weights: {G1: 1, SOLAR: -1}}"]
+    sets += ["controllers=[{name: LLC, signals: [f], devices: [pod_p]}]"]
+    cases = (load_case(None, [*sets, f"measurement={name}"]) for name in ("ideal", "p_class"))
+    ideal, filtered = (layouts(case)["foxglove.json"] for case in cases)
+    assert "frames[2].active_power_pu" in ideal
+    assert 'pmu==\\"SOLAR\\"' not in ideal
+    assert 'pmu==\\"SOLAR\\"}.frequency_hz' in filtered
+    assert "machines[2]" not in ideal
 
 
 MUTATIONS = [

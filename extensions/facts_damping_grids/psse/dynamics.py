@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.machine_controls.blocks import TABLES
-from facts_damping.output.tables import some_of
 from facts_damping_grids.control_limits import control_key
 from facts_damping_grids.matpower_conversion import TYPICAL
 from facts_damping_grids.notes import Note
 from facts_damping_grids.psse import controls
 from facts_damping_grids.psse.devices import DEVICES, device_of
-from facts_damping_grids.psse.effects import EFFECTS, INVERTERS, SOURCE, effect_of, family, of_record
+from facts_damping_grids.psse.effects import EFFECTS, effect_of, of_record
 from facts_damping_grids.psse.generators import identifier
-from facts_damping_grids.psse.inverters import inverter_of
+from facts_damping_grids.psse.inverters import as_current, inverter_of
 from facts_damping_grids.psse.machines import MACHINES, is_source, machine_of
 from facts_damping_grids.psse.reading import Dynamic
 from facts_damping_grids.psse.report import OTHER
@@ -73,7 +72,7 @@ def dynamics_of(
         record, more = models.get(unit.name), others.get(unit.name, [])
         if record is None:
             dynamics.currents.append(unit.name)
-            notes += _as_current(unit, more, file)
+            notes += as_current(unit, more, file)
         elif is_source(record):
             dynamics.sources.append(unit.name)
             text = "acts on an infinite source, which stays as it is: left out"
@@ -155,25 +154,3 @@ def _without_machine(record: Dynamic, file: str, *, out_of_service: bool) -> Not
     if out_of_service:
         return Note(alone, common, "records", element, record.model, "idle")
     return Note(alone, common, "records", element, record.model, "left out", "nothing: its machine is not there")
-
-
-def _as_current(unit: Unit, records: Sequence[Dynamic], file: str) -> list[Note]:
-    """Notes on a unit that becomes a constant current: by models of an inverter, or for want of a machine."""
-    inverter = any(family(record.model) in INVERTERS for record in records)
-    notes = []
-    for record in records:
-        if family(record.model) in INVERTERS:
-            text = "a constant current stands for the inverter"
-            notes.append(of_record(record, unit.name, file, text, "replaced", SOURCE))
-            continue
-        known = controls.role_of(record.model)
-        text = "is left out with its machine, for which a constant current stands"
-        text = text if known else "is no machine model that is known: left out"
-        notes.append(of_record(record, unit.name, file, text, "left out", effect_of(record.model)))
-    if not inverter:
-        models = f"only {some_of([record.model for record in records])}" if records else "no record"
-        text = f"{models} in {file}: a constant current of its P and Q"
-        common = f"generator: no model of a machine in {file}: constant currents of their P and Q"
-        alone = f"line {unit.row['line']}: generator: {unit.name} has {text}"
-        notes.append(Note(alone, common, "generators", unit.name, "generator", "replaced", SOURCE))
-    return notes

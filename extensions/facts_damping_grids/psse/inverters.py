@@ -13,14 +13,14 @@ from facts_damping.machine_controls.block_models import MODELS
 from facts_damping.output.tables import some_of
 from facts_damping.plant.inverters.inverter import KNOWN, MEASURED
 from facts_damping.plant.machines.block_controls import USUAL
+from facts_damping_grids.notes import Note
 from facts_damping_grids.psse.controls import adapted, constants_of, lack, role_of
-from facts_damping_grids.psse.effects import SOURCE, effect_of, of_record
+from facts_damping_grids.psse.effects import INVERTERS, SOURCE, effect_of, family, of_record
 from facts_damping_grids.psse.network import branch_between
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
-    from facts_damping_grids.notes import Note
     from facts_damping_grids.problems import Problems
     from facts_damping_grids.psse.generators import Unit
     from facts_damping_grids.psse.network import Network
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 PLACES = ("BUSR", "BUSF", "BUST", "CKT")  # fields that say where a plant control measures
 SIGNALS = {*KNOWN, *MEASURED, *USUAL}
 _SIGNAL = re.compile(r"([A-Za-z_]\w*)\b(?!\s*\*)")  # not a factor
+AT_TERMINALS = "it sees the voltage of the inverter, not that at BUSR"
 ELSEWHERE = "it regulates the voltage at the bus of its branch, not at BUSR"
 
 
@@ -51,25 +52,23 @@ def inverter_of(
 ) -> Inverter | None:
     """The rows of an inverter, whose model is `record`; None where a constant current stands for it."""
     rows: dict[Dynamic, Row] = {}
+    reasons: dict[Dynamic, str] = {}  # of records that make no row
     for each in [record, *others]:
         with problems.collected():
             if reason := _left_out(_with_source(each, unit)):
-                if each is record:
-                    notes += _as_current(record, others, unit, file, reason)
-                    return None
-                notes.append(of_record(each, unit.name, file, f"{reason}: left out", "left out", effect_of(each.model)))
+                reasons[each] = reason
             else:
                 rows[each] = {"model": each.model, **constants_of(_with_source(each, unit), file)}
-    if record not in rows:  # its constants are a problem
-        return None
     _check_sorts(rows, unit, file, problems)
     for each, missing in _without_effect(rows):
-        reason = f"needs {some_of(missing)}, which no control that is modelled gives"
-        if each is record:
-            notes += _as_current(record, others, unit, file, reason)
-            return None
-        notes.append(of_record(each, unit.name, file, f"{reason}: left out", "left out", effect_of(each.model)))
+        reasons[each] = f"needs {some_of(missing)}, which no control that is modelled gives"
         del rows[each]
+    if record in reasons:
+        notes += as_current(unit, [record, *others], file, reasons[record])
+    if record not in rows:  # or its constants are a problem
+        return None
+    for each, reason in reasons.items():
+        notes.append(of_record(each, unit.name, file, f"{reason}: left out", "left out", effect_of(each.model)))
     for each, row in rows.items():
         _on_its_base(row, unit)
         notes += adapted(row, each, unit, file)
@@ -93,22 +92,39 @@ def _left_out(record: Dynamic) -> str:
     return lack(record)
 
 
-def _as_current(record: Dynamic, others: Iterable[Dynamic], unit: Unit, file: str, reason: str) -> list[Note]:
-    """Notes on an inverter for which a constant current stands, as its converter `reason`."""
-    text = "a constant current stands for the inverter"
-    texts = {record: f"{reason}: {text}"} | dict.fromkeys(others, text)
-    return [of_record(each, unit.name, file, said, "replaced", SOURCE) for each, said in texts.items()]
+def as_current(unit: Unit, records: Sequence[Dynamic], file: str, reason: str = "") -> list[Note]:
+    """Notes on a unit that becomes a constant current, by models of an inverter, or for want of a machine.
+
+    `reason`: why the first one's model, which is a converter's, gives no inverter.
+    """
+    notes = []
+    for record in records:
+        if family(record.model) in INVERTERS:
+            text = "a constant current stands for the inverter"
+            text = f"{reason}: {text}" if reason and record is records[0] else text
+            notes.append(of_record(record, unit.name, file, text, "replaced", SOURCE))
+            continue
+        text = "is left out with its machine, for which a constant current stands"
+        text = text if role_of(record.model) else "is no machine model that is known: left out"
+        notes.append(of_record(record, unit.name, file, text, "left out", effect_of(record.model)))
+    if not any(family(record.model) in INVERTERS for record in records):
+        models = f"only {some_of([record.model for record in records])}" if records else "no record"
+        text = f"{models} in {file}: a constant current of its P and Q"
+        common = f"generator: no model of a machine in {file}: constant currents of their P and Q"
+        alone = f"line {unit.row['line']}: generator: {unit.name} has {text}"
+        notes.append(Note(alone, common, "generators", unit.name, "generator", "replaced", SOURCE))
+    return notes
 
 
 def _check_sorts(rows: dict[Dynamic, Row], unit: Unit, file: str, problems: Problems) -> None:
     """Problems: two controls of a sort, which give the same signals."""
-    given: dict[str, Dynamic] = {}
+    by_signal: dict[str, Dynamic] = {}
     for record, row in rows.items():
-        first = next((given[name] for name in _gives(row) if name in given), None)
+        first = next((by_signal[name] for name in _gives(row) if name in by_signal), None)
         if first is not None:
             allowed = "one control of a sort"
             problems.add(f"{record.where(file)}: given beside {first.model} of {unit.name}; allowed: {allowed}")
-        given |= dict.fromkeys(_gives(row), record)
+        by_signal |= dict.fromkeys(_gives(row), record)
 
 
 def _blocks(row: Row) -> list[tuple[str, set[str]]]:
@@ -129,9 +145,9 @@ def _without_effect(rows: dict[Dynamic, Row]) -> list[tuple[Dynamic, list[str]]]
     """Records that need a signal that none of the others gives, with such signals, one after the other."""
     left, without = dict(rows), []
     while True:
-        given = SIGNALS.union(*(_gives(row) for row in left.values()))
+        present = SIGNALS.union(*(_gives(row) for row in left.values()))
         for record, row in left.items():
-            missing = sorted(set[str]().union(*(used for _, used in _blocks(row))) - given)
+            missing = sorted(set[str]().union(*(used for _, used in _blocks(row))) - present)
             if missing:
                 without.append((record, missing))
                 del left[record]
@@ -155,6 +171,8 @@ def _place(
     regulated, first, second = (int(at[name]) for name in PLACES[:3])
     unknown = [f"{name} = {at[name]:g}" for name in PLACES[:3] if at[name] and int(at[name]) not in grid.buses]
     if "BUSF" not in MODELS[record.model].fields.split():
+        if regulated:
+            notes.append(of_record(record, unit.name, file, AT_TERMINALS, "replaced", AT_TERMINALS))
         return
     if unknown:
         problems.add(f"{record.where(file)}: {', '.join(unknown)} given; allowed: 0, or a bus in service")

@@ -83,17 +83,16 @@ def placed(
         raise InputError(f"generator: {count}; allowed: at least one machine or infinite source among them")
     slack = None if rows.infinite_buses else _slack(machines or forming, buses)
     for place in inverters:
-        rows.inverters.append(_inverter(place, dynamics, case, is_slack=place is slack))
+        start = _start(place, case, is_slack=place is slack)
+        rows.inverters.append(_named(place, buses) | start | dynamics.inverters[place.unit.name])
     together = [place.bus for place in machines]
     for place in machines:
         unit, base = place.unit, case.base_power
         V = abs(place.terminal.voltage) if place.behind else voltages[unit.bus]
         power = place.terminal.power * base
-        row: Row = {"name": unit.name, "bus": place.bus, "area": f"area_{int(buses[unit.bus]['AREA'])}"}
         dispatch = {"slack": True, "angle": place.terminal.angle} if place is slack else {"P": power.real}
         shared = {"Q": power.imag} if together.count(place.bus) > 1 else {}
-        row |= {"rating": unit.rating, "V": V} | dispatch | shared | dynamics.machines[unit.name]
-        rows.machines.append(row)
+        rows.machines.append(_named(place, buses) | {"V": V} | dispatch | shared | dynamics.machines[unit.name])
     return rows
 
 
@@ -103,15 +102,19 @@ def _forms(row: Row) -> bool:
     return source is not None and source.forming
 
 
-def _inverter(place: _Place, dynamics: Dynamics, case: RawCase, *, is_slack: bool) -> Row:
-    """An inverter, which gives its power in the power flow or, as the slack, holds its voltage there."""
-    unit, terminal = place.unit, place.terminal
-    power = terminal.power * case.base_power
-    start: Row = {"P": round(power.real, DIGITS), "Q": round(power.imag, DIGITS)}
+def _named(place: _Place, buses: Mapping[int, Row]) -> Row:
+    """Name, bus, area and rating of a machine or an inverter."""
+    unit = place.unit
+    area = f"area_{int(buses[unit.bus]['AREA'])}"
+    return {"name": unit.name, "bus": place.bus, "area": area, "rating": unit.rating}
+
+
+def _start(place: _Place, case: RawCase, *, is_slack: bool) -> Row:
+    """The start of an inverter: the power that it gives in the power flow, or, of the slack, its voltage there."""
     if is_slack:
-        start = {"V": abs(terminal.voltage), "slack": True, "angle": terminal.angle}
-    fields = dynamics.inverters[unit.name]
-    return {"name": unit.name, "bus": place.bus, "rating": unit.rating, **start, **fields}
+        return {"V": abs(place.terminal.voltage), "slack": True, "angle": place.terminal.angle}
+    power = place.terminal.power * case.base_power
+    return {"P": round(power.real, DIGITS), "Q": round(power.imag, DIGITS)}
 
 
 def _current(unit: Unit, bus: str, power: complex) -> Row:

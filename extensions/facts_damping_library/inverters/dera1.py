@@ -79,7 +79,7 @@ ROW = Model(
             "Ipcmd",
             ("Tg", lambda f: -inf if f.P >= 0.0 else -f.rrpwr, lambda f: f.rrpwr if f.P >= 0.0 else inf),
         ),
-        Block("Iq", "lag", "- Iqcmd", (1.0, "Tg")),
+        Block("Iq_ahead", "lag", "- Iqcmd", (1.0, "Tg")),
     ),
     f"{TRIPS} Tv Vpr",
     {"AT_START": lambda f: float(f.Vref0 == 0.0)},
@@ -87,5 +87,5 @@ ROW = Model(
         "it does not trip by voltage": lambda f: f.VtripFlag == 1.0,
         "it does not trip by frequency": lambda f: f.FtripFlag == 1.0,
     },
-    source=Source("current", "Ip", "Iq", (-1.0, 0.0, NEVER, -NEVER, 0.0)),
+    source=Source("current", "Ip", "Iq_ahead", (-1.0, 0.0, NEVER, -NEVER, 0.0)),
 )

@@ -59,4 +59,5 @@ ROW = Model(
     ),
     "",
     FACTORS,
+    optional=" ".join(f"V{sort}{i} I{sort}{i}" for sort in "qp" for i in range(3, POINTS + 1)),
 )

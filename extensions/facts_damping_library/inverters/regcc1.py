@@ -18,9 +18,9 @@ ROW = Model(
     "RateFlag PQFlag Tg Tfltr Iqrmax Iqrmin rrpwr Te Imax Kip Kii Kppll Kipll wmax wmin Re Xe",
     (
         *limited_currents(),
-        Block("Ip_order", "regulator", "Ip_limited - Id", ("Kip", "Kii")),
-        Block("Iq_order", "regulator", "Iq_into_limited + Iq", ("Kip", "Kii")),
-        *source_voltage("Ip_order", "Iq_order"),
+        Block("Ip_sent", "regulator", "Ip_limited - Id", ("Kip", "Kii")),
+        Block("Iq_sent", "regulator", "Iq_into_limited + Iq", ("Kip", "Kii")),
+        *source_voltage("Ip_sent", "Iq_sent"),
         Block("pll", "pi", "Vq", ("Kppll", "Kipll"), "wmin", "wmax"),
         Block("angle", "integral", "pll", (1.0,)),
     ),

@@ -69,10 +69,10 @@ class Task(NamedTuple):
         """The same, read."""
         return checked(Measurement, read_source("measurement", self.measurement, "measurement"))
 
-    @property
-    def channel(self) -> Channel:
-        """What is usual as a signal: speeds, or frequencies where the PMUs report no speeds."""
-        return places.SPEED if self.measured.filter == "ideal" else places.FREQUENCY
+    def channel(self, system: System) -> Channel:
+        """What is usual as a signal: speeds, or frequencies where the PMUs report no speeds, as at inverters."""
+        turning = not any(inverter.forming for inverter in system.inverters)
+        return places.SPEED if self.measured.filter == "ideal" and turning else places.FREQUENCY
 
     def delay_with_filter(self, nominal: float) -> float:
         """s, from the instant of a measurement to the device; `nominal`: frequency, Hz."""
@@ -107,6 +107,11 @@ class Ranking:
     pairs: list[Pair]  # the largest residue first
     chosen: Pair
 
+    @property
+    def channel(self) -> Channel:
+        """What is usual as a signal of this system."""
+        return self.task.channel(self.system)
+
 
 @dataclass(frozen=True)
 class Design(Ranking):
@@ -129,7 +134,7 @@ def ranked(task: Task, jobs: int, tell: Tell) -> Ranking:
     bare_system = _read(task)
     grid = places.merged(bare_system) if "exciter_input" not in task.kinds else bare_system
     modes, target = listed_modes(task, grid)
-    system = places.with_signals(grid, modes, task.channel)
+    system = places.with_signals(grid, modes, task.channel(grid))
     observability = places.seen(system, modes)
     narrow = places.only(system, _worth_a_look(task, system, observability), grid)
     for kind in task.kinds:
@@ -215,7 +220,7 @@ def _worth_a_look(task: Task, system: System, observability: np.ndarray[Any, Any
         check_known("--signal", task.signal, names)
     best_names = {task.signal} if task.signal is not None else set[str]()
     for row in np.abs(observability):
-        for channel in (task.channel, places.FLOW):
+        for channel in (task.channel(system), places.FLOW):
             best_names |= set(maximum(names, row, channel, system)[:SIGNALS])
     return [name for name in names if name in best_names]
 
@@ -234,7 +239,7 @@ def ranked_pairs(
     Raises `InputError` if there is none.
     """
     names = list(system.signals)
-    speeds = [name for name in names if system.signals[name].channel == task.channel]
+    speeds = [name for name in names if system.signals[name].channel == task.channel(system)]
     wanted = speeds if task.signal is None else [task.signal]
     worth = [
         (abs(attempt.residue[target, s]) * float(attempt.place.device.setpoint_max), i, s)

@@ -100,7 +100,7 @@ def _rankings(design: Ranking) -> Iterator[tuple[str, list[list[str]]]]:
     places = _side([strongest(design, m) for m in modes], ".4f")
     yield "places: controllability times the setpoint's limit, 1/s", places
     unit = "swing in the mode (observability), p.u. per p.u. of the fastest machine's speed"
-    for channel, what in ((design.task.channel, NAMES[design.task.channel]), (FLOW, "flows")):
+    for channel, what in ((design.channel, NAMES[design.channel]), (FLOW, "flows")):
         columns = [clearest(design, m, channel) for m in modes]
         if any(columns):
             yield f"signals, {what}: {unit}", _side(columns, ".3g")
@@ -195,7 +195,7 @@ def document(design: Design) -> dict[str, Any]:
                 "places": [{"place": name, "controllability": value} for name, value in strongest(design, i)],
                 "signals": [
                     {"signal": name, "observability": value}
-                    for channel in (design.task.channel, FLOW)
+                    for channel in (design.channel, FLOW)
                     for name, value in clearest(design, i, channel)
                 ],
             }
@@ -232,7 +232,7 @@ def plot(design: Design, path: Path) -> Path:
     for m, mode in enumerate(design.modes):
         for axis, ranked in (
             (axes[0, m], strongest(design, m)),
-            (axes[1, m], clearest(design, m, design.task.channel)),
+            (axes[1, m], clearest(design, m, design.channel)),
         ):
             names, values = [name for name, _ in ranked][::-1], [value for _, value in ranked][::-1]
             axis.barh(range(len(names)), values, color="C0" if m == design.target else "0.6")

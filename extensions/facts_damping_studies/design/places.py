@@ -11,18 +11,21 @@ for the analysis, so its own dynamics and its effect on the power flow are inclu
 
 from __future__ import annotations
 
+import re
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.devices.base import AtMachine, Parallel, Series
+from facts_damping.devices.base import AtInverter, AtMachine, AtUnit, Parallel, Series
 from facts_damping.devices.table import KINDS, MODELS
 from facts_damping.errors import FactsDampingError, check_known, one_line
 from facts_damping.fields import usual_values
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.pmus import Pmu, Signal
 from facts_damping.plant.build import build
+from facts_damping.plant.inverters.inverter import SETPOINTS
+from facts_damping.plant.machines.block_controls import active_blocks
 from facts_damping.small_signal import eigenmodes, linearisation
 
 if TYPE_CHECKING:
@@ -39,14 +42,17 @@ NEW_DEVICES = {name: kind.new for name, kind in KINDS.items() if kind.new is not
 USUAL = ("sssc", "statcom")
 LONGEST = 3.0  # p.u., largest reactance of a line for a device whose data are relative to it
 SPEED: Channel = "speed_deviation"
-FREQUENCY: Channel = "frequency"  # in place of speeds where PMUs have a filter, which does not report these
+FREQUENCY: Channel = "frequency"  # in place of speeds where PMUs report none
 FLOW: Channel = "active_power"
 MAX_AREAS = 8  # with more areas there are too many pairs
 NEAR = 0.5  # largest `eigenmodes.unlike` of the same mode
 
 
 class Place(NamedTuple):
-    """A candidate location `at` a line, two buses, a bus, or a machine; `own`: an existing device of the system."""
+    """A candidate location `at` a line, two buses, a bus, a machine, or an inverter's input, `IBR1.Paux`.
+
+    `own`: an existing device of the system.
+    """
 
     device: Device
     at: str
@@ -55,13 +61,13 @@ class Place(NamedTuple):
     @property
     def label(self) -> str:
         """Readable name."""
-        where = "at" if isinstance(self.device, Parallel | AtMachine) else "in"
+        where = "at" if isinstance(self.device, Parallel | AtUnit) else "in"
         return f"{self.device.kind} {where} {self.at}"
 
     @property
     def names(self) -> set[str]:
-        """Accepted names: its line, bus or buses, and the name of an existing device."""
-        return {self.at, self.device.name} if self.own else {self.at}
+        """Accepted names: its line, bus or buses, machine, inverter and input, and the name of an existing device."""
+        return {self.at, self.device.place, *([self.device.name] if self.own else [])}
 
 
 class Tried(NamedTuple):
@@ -86,34 +92,50 @@ class Tried(NamedTuple):
 def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
     """The system's own devices, and new ones of some kinds of NEW_DEVICES at each place.
 
-    In series in each line without a device, in parallel at each bus without machine or device,
-    at each machine with an exciter.
+    In series in each line without a device, in parallel at each bus without machine, inverter or device, at each
+    machine with an exciter, at each input that an inverter's controls use and that has none.
     """
-    present = [Place(d, d.place, True) for d in system.devices]
+    present = [Place(d, _at(d), True) for d in system.devices]
     in_series = {d.line for d in system.devices if isinstance(d, Series)}
-    occupied = {row.bus for row in system.infinite_buses} | {m.bus for m in system.machines}
+    occupied = {row.bus for row in system.infinite_buses} | {unit.bus for unit in system.units}
     occupied |= {d.bus for d in system.devices if isinstance(d, Parallel)}
     names = {d.name for d in system.devices}
     name = next(n for n in (NEW, *(f"{NEW}_{i}" for i in range(2, 100))) if n not in names)
     lines = [line.name for line in system.lines if line.name not in in_series]
     reactance = {line.name: line.x * line.length for line in system.lines}
     buses = [bus.name for bus in system.buses if bus.name not in occupied]
-    free = {
-        Series: ("line", lines),
-        Parallel: ("bus", buses),
-        AtMachine: ("machine", [e.machine for e in system.exciters]),
+    occupied_inputs = [(d.inverter, d.input) for d in system.devices if isinstance(d, AtInverter)]
+    inputs = [(i.name, signal) for i in system.inverters for signal in setpoints(system, i.name)]
+    inputs = [at for at in inputs if at not in occupied_inputs]
+    free: dict[type, list[dict[str, str]]] = {
+        Series: [{"line": line} for line in lines],
+        Parallel: [{"bus": bus} for bus in buses],
+        AtMachine: [{"machine": e.machine} for e in system.exciters],
+        AtInverter: [{"inverter": inverter, "input": signal} for inverter, signal in inputs],
     }
     new = []
     for kind in kinds:
         model, relative = MODELS[kind], NEW_DEVICES[kind]
-        field, where = next(place_of_kind for base, place_of_kind in free.items() if issubclass(model, base))
-        for at in where:
-            scale = reactance[at] if relative else 1.0
+        for where in next(wheres for base, wheres in free.items() if issubclass(model, base)):
+            scale = reactance[where["line"]] if relative else 1.0
             if not 0.0 < scale <= LONGEST:  # a line that is a series capacitor itself
                 continue
             data = usual_values(model) | {key: value * scale for key, value in relative.items()}
-            new.append(Place(model(name=name, kind=kind, **{field: at}, **data), at, False))
+            device = model(name=name, kind=kind, **where, **data)
+            new.append(Place(device, _at(device), False))
     return [*present, *new]
+
+
+def _at(device: Device) -> str:
+    return f"{device.inverter}.{device.input}" if isinstance(device, AtInverter) else device.place
+
+
+def setpoints(system: System, inverter: str) -> list[str]:
+    """The setpoints that an inverter's controls use."""
+    rows: list[Any] = [row for row in system.inverters if row.name == inverter]
+    rows += [row for row in system.inverter_controls if row.inverter == inverter and row.enabled]
+    used = {word for row in rows for block in active_blocks(row) for word in re.findall(r"\w+", block.inputs)}
+    return [name for name in SETPOINTS if name in used]
 
 
 def check_place(name: str | None, candidates: Sequence[Place]) -> None:
@@ -150,7 +172,7 @@ def merged(system: System) -> System:
         for group in groups.values()
     ]
     rows = {field: [row for row in getattr(system, field) if first[row.machine] == row.machine] for field in fields}
-    pmus = [pmu.model_copy(update={"machine": pmu.machine and first[pmu.machine]}) for pmu in system.pmus]
+    pmus = [pmu.model_copy(update={"machine": first.get(pmu.machine or "", pmu.machine)}) for pmu in system.pmus]
     return system.model_copy(update={"machines": machines, "pmus": pmus, **rows})
 
 
@@ -164,18 +186,19 @@ def with_place(system: System, chosen: Place) -> System:
 def with_signals(system: System, modes: Sequence[Eigenmode], channel: Channel = SPEED) -> System:
     """The system with the usual signals for wide-area damping control, and the PMUs that they need.
 
-    For each mode it adds the speed difference of the two machines with the largest opposite swing (or the speed of the
-    fastest machine, if none is opposite). It also adds the differences of areas' mean speeds, weighted by inertia, and
-    the active power of each line. Existing signals are not duplicated. `channel`: SPEED, or FREQUENCY in its place.
+    For each mode it adds the speed difference of the two machines or grid-forming inverters with the largest opposite
+    swing (or the speed of the fastest, if none is opposite). It also adds the differences of areas' mean speeds,
+    weighted by inertia, and the active power of each line. Existing signals are not duplicated. `channel`: SPEED, or
+    FREQUENCY in its place.
     """
     letter = "w" if channel == SPEED else "f"
     pmus = {s.machine: s.name for s in system.pmus if s.machine is not None}
     used = {s.name for s in system.pmus}
     more: list[Pmu] = []
-    for m in system.machines:
-        if m.name not in pmus:
-            pmus[m.name] = _free(m.name, used)
-            more.append(Pmu(name=pmus[m.name], machine=m.name))
+    for unit in system.units:
+        if unit.forming and unit.name not in pmus:
+            pmus[unit.name] = _free(unit.name, used)
+            more.append(Pmu(name=pmus[unit.name], machine=unit.name))
     weights = {
         "_".join([letter, *names]): dict(zip([pmus[name] for name in names], (1.0, -1.0), strict=False))
         for names in _opposed(modes)
@@ -225,7 +248,7 @@ def _free(name: str, used: set[str]) -> str:
 
 
 def _opposed(modes: Sequence[Eigenmode]) -> list[tuple[str, ...]]:
-    """For each mode the fastest machine, and the one with the largest opposite swing, if any."""
+    """For each mode the fastest machine or inverter, and the one with the largest opposite swing, if any."""
     pairs: dict[tuple[str, ...], None] = {}
     for mode in modes:
         first = max(mode.shape, key=lambda name: abs(mode.shape[name]))
@@ -236,11 +259,11 @@ def _opposed(modes: Sequence[Eigenmode]) -> list[tuple[str, ...]]:
 
 
 def _mean_speeds(system: System, pmus: Mapping[str, str]) -> dict[str, dict[str, float]]:
-    """By area, the inertia weights of its machines' mean speed; empty without areas."""
-    inertia: dict[str, dict[str, float]] = {}
-    for m in system.machines:
-        if m.area is not None:
-            inertia.setdefault(m.area, {})[pmus[m.name]] = m.H * m.rating
+    """By area, the inertia weights of the mean speed of its machines and forming inverters; empty without areas."""
+    of_units, inertia = eigenmodes.inertias(system), dict[str, dict[str, float]]()
+    for unit in system.units:
+        if unit.area is not None and unit.forming:
+            inertia.setdefault(unit.area, {})[pmus[unit.name]] = of_units[unit.name]
     return {area: {s: w / sum(inertias.values()) for s, w in inertias.items()} for area, inertias in inertia.items()}
 
 
@@ -273,7 +296,6 @@ def _tried(system: System, devices: Sequence[str], modes: Sequence[Eigenmode]) -
     built = build(system, devices, [])
     model = linearisation.linear_model(built, system.signals, [s.name for s in system.pmus])
     values, left, right = eigenmodes.eigenvectors(model.matrix)
-    speeds = np.array([name.endswith(".omega") for name in built.state_names])
     control = np.full((len(modes), len(devices)), np.nan + 0j)
     observe = np.full((len(modes), len(system.signals)), np.nan + 0j)
     for i, wanted in enumerate(modes):
@@ -288,7 +310,7 @@ def _tried(system: System, devices: Sequence[str], modes: Sequence[Eigenmode]) -
             continue
         best = list(named)[np.argmin(apart)]
         v, w = right[:, best], left[:, best]
-        v = v / v[speeds][np.argmax(np.abs(v[speeds]))]
+        v = v / max(eigenmodes.speeds(values[best], v, built.state_names, system).values(), key=abs)
         w = w / (w @ v)
         observe[i] = model.gain(values[best]) * (model.seen[0] @ v)
         control[i] = (w @ model.B) * model.late(values[best]) if len(devices) else control[i]

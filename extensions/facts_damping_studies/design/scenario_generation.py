@@ -38,9 +38,10 @@ def training_cases(
     buses = [p.at for p in places if isinstance(p.device, Parallel)][:TRIED]
     lines = [p.at for p in places if isinstance(p.device, Series) and p.device.line is not None and p.at != place.at]
     if not buses or not lines:  # all candidates are of other kinds: the grid's places in their order
-        own_buses = {machine["bus"] for machine in run["system"]["machines"]}
+        units = [row for table in ("machines", "inverters") for row in run["system"].get(table, ())]
+        own_buses = {unit["bus"] for unit in units}
         names = [bus["name"] for bus in run["system"]["buses"]]
-        buses = buses or [name for name in names if name not in own_buses][:TRIED]
+        buses = buses or [name for name in names if name not in own_buses][:TRIED] or names[:TRIED]
         lines = lines or [line["name"] for line in run["system"].get("lines", ()) if line["name"] != place.at]
     kinds = {"fault": [fault(bus) for bus in buses], "line_out": [trip(line) for line in lines[:TRIED]]}
     contents, done = dict[str, dict[str, Any]](), 0

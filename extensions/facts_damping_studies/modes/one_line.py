@@ -1,4 +1,4 @@
-"""One-line diagram of a system: flows, machines by area, a mode, devices, PMUs, control loops."""
+"""One-line diagram of a system: flows, machines and inverters by area, a mode, devices, PMUs, control loops."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from facts_damping.devices.base import AtMachine, Series, Transmission
+from facts_damping.devices.base import Series, Transmission
 from facts_damping.devices.table import KINDS
 from facts_damping.output.picture_files import save_picture
 from facts_damping.plant.converters.dispatch import losses_of
@@ -72,15 +72,15 @@ def plot(
     path: Path,
     loops: Sequence[Loop] = (),
 ) -> Path:
-    """Draw the diagram; `mode`: the mode shown by arrows at the machines."""
+    """Draw the diagram; `mode`: the mode shown by arrows at the machines and grid-forming inverters."""
     at = places(system)
     where = {name: at[bus] for name, bus in system.pmu_buses().items()}  # of the PMUs
     width, height = np.ptp(np.array(list(at.values())), axis=0)
     figure = Figure(figsize=(10.0, 11.0) if height > 1.3 * width else (12.0, 9.0), layout="constrained")
     axes = figure.add_subplot()
-    _branches(axes, at, flows(system, flow, installed), [at[m.bus] for m in system.machines])
+    _branches(axes, at, flows(system, flow, installed), [at[unit.bus] for unit in system.units])
     _buses(axes, system, at)
-    named = _machines(axes, system, at)
+    named = _units(axes, system, at)
     if mode is not None:
         _arrows(axes, system, at, mode)
     marks = [
@@ -106,7 +106,7 @@ def plot(
 def _branches(axes: Axes, at: Places, power_flows: list[tuple[str, str, float]], occupied: list[Float1]) -> None:
     """Draw branches with a width by power and an arrow in its direction; the largest are labelled where there is room.
 
-    `occupied`: places of machines.
+    `occupied`: places of machines and inverters.
     """
     maximum = max((power for *_, power in power_flows), default=1.0) or 1.0
     room, crowded = LABELS, len(at) > NAMED
@@ -132,41 +132,44 @@ def _buses(axes: Axes, system: System, at: Places) -> None:
             axes.annotate(bus.name, tuple(at[bus.name]), (3, 4), textcoords="offset points", fontsize=7, color="0.35")
 
 
-def _machines(axes: Axes, system: System, at: Places) -> list[Any]:
-    """Draw machines as circles in the colour of the area, with names; return legend handles."""
-    areas = list(dict.fromkeys(m.area or "" for m in system.machines))
+def _units(axes: Axes, system: System, at: Places) -> list[Any]:
+    """Draw machines as circles, inverters as squares in the colour of the area, with names; return legend handles."""
+    areas = list(dict.fromkeys(unit.area or "" for unit in system.units))
     many = colormaps["turbo"](np.linspace(0.0, 1.0, len(areas))).tolist()
     colours = dict(zip(areas, AREAS if len(areas) <= len(AREAS) else many, strict=False))
-    for bus in dict.fromkeys(m.bus for m in system.machines):
-        here = [m for m in system.machines if m.bus == bus]
-        axes.plot(*at[bus], "o", ms=9, mfc="white", mec=colours[here[0].area or ""], mew=2.0, zorder=4)
-        label = together([m.name for m in here])
-        axes.annotate(label, tuple(at[bus]), (6, -9), textcoords="offset points", fontsize=7, zorder=6)
+    for units, marker, below in ((system.machines, "o", -9), (system.inverters, "s", -18)):
+        for bus in dict.fromkeys(unit.bus for unit in units):
+            here = [unit for unit in units if unit.bus == bus]
+            size = 9 if marker == "o" else 13  # around the circle of a machine at the same bus
+            look: dict[str, Any] = {"ms": size, "mec": colours[here[0].area or ""], "mew": 2.0, "zorder": 4}
+            axes.plot(*at[bus], marker, mfc="white" if marker == "o" else "none", **look)
+            label = together([unit.name for unit in here])
+            axes.annotate(label, tuple(at[bus]), (6, below), textcoords="offset points", fontsize=7, zorder=6)
     for row in system.infinite_buses:
         axes.plot(*at[row.bus], "o", ms=11, color="black", zorder=4)
-    marks = [_mark("o", colours[area], area or "machines", mfc="white", mew=2.0) for area in areas]
+    of_machines = {m.area or "" for m in system.machines}
+    marks = [_mark("o", colours[a], a or "machines", mfc="white", mew=2.0) for a in areas if a in of_machines]
+    if system.inverters:
+        marks.append(_mark("s", "0.35", "inverters", mfc="white", mew=2.0))
     return [*marks, *([_mark("o", "black", "infinite bus")] if system.infinite_buses else [])]
 
 
 def _arrows(axes: Axes, system: System, at: Places, mode: Eigenmode) -> None:
-    """Draw the machines' speeds in a mode as arrows, as in the compass plot."""
+    """Draw speeds of machines and grid-forming inverters in a mode as arrows, as in the compass plot."""
     extent = np.ptp(np.array(list(at.values())), axis=0).max()
-    for m in system.machines:
-        value = mode.shape[m.name]
+    for unit in system.units:
+        value = mode.shape.get(unit.name, 0j)
         if abs(value) < SMALL:
             continue
-        tip = at[m.bus] + ARROW * extent * np.array([value.real, value.imag])
+        tip = at[unit.bus] + ARROW * extent * np.array([value.real, value.imag])
         look = {"arrowstyle": "->", "color": "black", "lw": 1.4}
-        axes.annotate("", xy=tuple(tip), xytext=tuple(at[m.bus]), arrowprops=look, zorder=5, annotation_clip=False)
+        axes.annotate("", xy=tuple(tip), xytext=tuple(at[unit.bus]), arrowprops=look, zorder=5, annotation_clip=False)
         axes.plot(*tip, alpha=0.0)  # extends the axes to include the arrow
 
 
 def _place(system: System, device: Device, at: Places) -> Float1:
-    """Position of a device: between its buses, at its single bus, or at its machine."""
-    if isinstance(device, AtMachine):
-        return at[next(m.bus for m in system.machines if m.name == device.machine)]
-    buses = device.ends if isinstance(device, Series) else device.buses
-    return np.asarray(np.mean([at[bus] for bus in buses], axis=0))
+    """Position of a device: between its buses, or at its single bus."""
+    return np.asarray(np.mean([at[bus] for bus in system.buses_of(device)], axis=0))
 
 
 def _devices(axes: Axes, system: System, installed: Sequence[str], at: Places) -> list[Any]:

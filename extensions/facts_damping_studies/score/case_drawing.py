@@ -24,9 +24,10 @@ FAULT, TRIP, STEP = "fault", "trip", "step"
 KINDS = {
     FAULT: "a fault on a line, for 50 to 100 ms",
     TRIP: "a fault on a line, for 50 to 100 ms, cleared by its trip for good",
-    STEP: "a step of 5 to 15 % of a load or of a mechanical power",
+    STEP: "a step of 5 to 15 % of a load or of a mechanical power, or the trip of an inverter as large",
 }
 START_S = 1.0  # of events
+MOST = 0.15  # of the scheduled generation, of an inverter that trips
 TRIES = 20  # draws without a power flow solution, after which a grid is refused
 
 
@@ -85,6 +86,9 @@ def _case(draws: CaseDraws, kind: str, random: Random) -> dict[str, Any]:
     for i, machine in enumerate(draws.system.machines):
         if machine.P is not None:
             fields[f"system.machines.{i}.P"] = _rounded(machine.P * level * random.uniform(0.98, 1.02))
+    for i, inverter in enumerate(draws.system.inverters):
+        if inverter.P is not None:
+            fields[f"system.inverters.{i}.P"] = _rounded(inverter.P * level * random.uniform(0.98, 1.02))
     return {"kind": kind, "set": {**fields, "scenario": _events(draws, kind, random)}}
 
 
@@ -98,13 +102,18 @@ def _events(draws: CaseDraws, kind: str, random: Random) -> list[dict[str, Any]]
 
 
 def _step(system: System, random: Random) -> dict[str, Any]:
-    """A step of one of the larger loads, or down of a unit."""
+    """A step of one of the larger loads, or down of a unit; an inverter as large, without a device, trips."""
     size, powers = _rounded(random.uniform(0.05, 0.15)), [load.P for load in system.loads]
     loads = [load.name for load in system.loads if np.median(powers) <= load.P]
-    if loads and random.random() < 0.5:
+    acting, generated = {device.place for device in system.devices}, sum(unit.P or 0.0 for unit in system.units)
+    small = [i.name for i in system.inverters if i.name not in acting and 0.0 < (i.P or 0.0) <= MOST * generated]
+    units = [*(machine.name for machine in system.machines), *small]
+    if loads and (not units or random.random() < 0.5):
         change = size * float(random.choice([-1.0, 1.0]))
         return {"time": START_S, "kind": "load_step", "load": str(random.choice(loads)), "change": change}
-    unit = str(random.choice([machine.name for machine in system.machines]))
+    unit = str(random.choice(units))
+    if unit in small:
+        return {"time": START_S, "kind": "generator_trip", "machine": unit}
     return {"time": START_S, "kind": "mechanical_power_step", "machine": unit, "change": -size}
 
 

@@ -52,7 +52,7 @@ class Comparison(NamedTuple):
 
     system: str
     sets: list[str] = []  # noqa: RUF012 (never changed)
-    place: str | None = None  # a line, a bus, a machine, or a device of the system; None: its first device, or the best
+    place: str | None = None  # a line, bus, unit or device of the system; None: its first device, or the best
     signal: str | None = None  # None: the best difference of frequencies
     link: str | None = None  # None: the profile's
     profile: str = PROFILE
@@ -107,7 +107,7 @@ class Placed(NamedTuple):
     signal: str
     mode: Eigenmode
     residue: complex
-    lines: list[str]  # those whose flow swings most in the mode, and whose trip splits nothing
+    lines: list[str]  # those whose flow swings most in the mode, or near inverters, and whose trip splits nothing
 
 
 def _placed(comparison: Comparison, jobs: int, tell: design.Tell) -> Placed:
@@ -123,8 +123,8 @@ def _placed(comparison: Comparison, jobs: int, tell: design.Tell) -> Placed:
         profile=comparison.profile,
     )
     modes, target = design.listed_modes(task, bare)
-    system = places.with_signals(bare, modes, task.channel)
-    candidates = places.places(bare)
+    system = places.with_signals(bare, modes, task.channel(bare))
+    candidates = places.places(bare, (*places.USUAL, "inverter_input"))
     places.check_place(task.place, candidates)
     if task.place is not None:
         candidates = [candidate for candidate in candidates if task.place in candidate.names]
@@ -132,13 +132,15 @@ def _placed(comparison: Comparison, jobs: int, tell: design.Tell) -> Placed:
         candidates = [candidate for candidate in candidates if candidate.own][:1]
     if task.signal is not None:
         check_known("--signal", task.signal, list(system.signals))
-    names = [name for name, signal in system.signals.items() if signal.channel == task.channel or name == task.signal]
+    usual = task.channel(bare)
+    names = [name for name, signal in system.signals.items() if signal.channel == usual or name == task.signal]
     narrow = places.only(system, list(dict.fromkeys([*names, *bare.signals])), bare)
     trials = [places.Trial(narrow, candidate, modes) for candidate in candidates]
     tried = run_all(places.tried, trials, jobs, tell("compare", "places"))
     best, *_ = design.ranked_pairs(task, narrow, tried, modes, target)
     place, wanted = candidates[best.tried], list(dict.fromkeys([*bare.signals, best.signal]))
-    lines = _swinging(system, modes[target], meshed_lines(system, place.at))
+    meshed = meshed_lines(system, place.at)
+    lines = list(dict.fromkeys([*_swinging(system, modes[target], meshed), *_near_inverters(system, meshed)]))
     if not lines:
         raise InputError(f"--system: {system.name} given, where each trip splits the grid; allowed: one with a mesh")
     placed = places.with_place(places.only(system, wanted, bare), place)
@@ -155,6 +157,14 @@ def _swinging(system: System, mode: Eigenmode, lines: Sequence[str]) -> list[str
         if signal.channel == places.FLOW and len(signal.weights) == 1
     }
     return sorted(lines, key=lambda line: -flows.get(line, 0.0))[: max(LINES, len(lines) // 4)]
+
+
+def _near_inverters(system: System, lines: Sequence[str]) -> list[str]:
+    """Those of some lines that end at an inverter's bus, or behind a transformer there."""
+    at = {inverter.bus for inverter in system.inverters}
+    behind = {bus for t in system.transformers if {t.from_bus, t.to_bus} & at for bus in (t.from_bus, t.to_bus)}
+    near = [line.name for line in system.lines if {line.from_bus, line.to_bus} & (at | behind)]
+    return [name for name in lines if name in near]
 
 
 def _aligned(run: dict[str, Any], fields: Mapping[str, Any]) -> tuple[dict[str, Any], float, str]:

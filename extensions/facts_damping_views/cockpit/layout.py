@@ -9,7 +9,7 @@ import numpy as np
 
 from facts_damping.analysis.measures import measure_weights
 from facts_damping.case import names
-from facts_damping.devices.base import AtInverter, AtMachine, Series, Transmission
+from facts_damping.devices.base import Series, Transmission
 from facts_damping.devices.table import KINDS
 from facts_damping.monitor_table import COUNTED, MONITORS
 from facts_damping.parameters.supervision import watches
@@ -106,6 +106,7 @@ def panel(case: Case, name: str) -> Panel:
         for bus, weights in frequency_weights(system).items()
     }
     angles, powers = _machines(case, curves)
+    powers |= _inverters(case, curves)
     setpoints, of_devices = _setpoints(case, curves)
     latencies, of_links = _latencies(case, curves)
     flows = _flows(case, curves)
@@ -151,9 +152,21 @@ def _machines(case: Case, curves: _Curves) -> tuple[dict[str, int], dict[str, in
     return angles, powers
 
 
+def _inverters(case: Case, curves: _Curves) -> dict[str, int]:
+    """Power of each inverter with a PMU."""
+    base, inverters = case.system.base_power, [inverter.name for inverter in case.system.inverters]
+    at = {pmu.machine: pmu.name for pmu in case.system.pmus}
+    return {
+        name: curves.add(name, "MW", "machine power", {f"pmu.{at[name]}.active_power_pu": base})
+        for name in inverters
+        if name in at
+    }
+
+
 def _flows(case: Case, curves: _Curves) -> list[int]:
-    """Powers that PMUs measure in branches, or at machines if none measures in a branch."""
-    flows = [pmu.name for pmu in case.system.pmus if pmu.branches]
+    """Powers that PMUs measure in branches and at inverters, or at machines if there are none of these."""
+    inverters = [inverter.name for inverter in case.system.inverters]
+    flows = [pmu.name for pmu in case.system.pmus if pmu.branches or pmu.machine in inverters]
     chosen, base = flows or [pmu.name for pmu in case.system.pmus], case.system.base_power
     return [curves.add(name, "MW", "power", {f"pmu.{name}.active_power_pu": base}) for name in chosen]
 
@@ -265,7 +278,8 @@ def _diagram(
         ],
         "branches": [{"name": row.name, "kind": kind, "from": row.from_bus, "to": row.to_bus} for kind, row in drawn],
         "machines": [
-            {"name": m.name, "bus": m.bus, "angle": angles[m.name], "power": powers[m.name]} for m in system.machines
+            {"name": unit.name, "bus": unit.bus, "angle": angles.get(unit.name), "power": powers.get(unit.name)}
+            for unit in system.units  # an inverter has no angle
         ],
         "devices": [_device(system, system.device(name), setpoints[name]) for name in case.run.devices]
         + [_device(system, d, None) for d in system.devices if isinstance(d, Series) and d.name not in setpoints],
@@ -291,12 +305,7 @@ def _device(system: System, device: Device, setpoint: int | None) -> dict[str, A
         "outline": KINDS[device.kind].shown.outline,
         "setpoint": setpoint,
     }
-    if isinstance(device, Series):
-        return drawn | {"from": device.ends[0], "to": device.ends[1]}
     if isinstance(device, Transmission):
         return drawn | {"from": device.from_bus, "to": device.to_bus}
-    if isinstance(device, AtMachine):
-        return drawn | {"bus": next(m.bus for m in system.machines if m.name == device.machine)}
-    if isinstance(device, AtInverter):
-        return drawn | {"bus": next(i.bus for i in system.inverters if i.name == device.inverter)}
-    return drawn | {"bus": device.bus}
+    first, *others = system.buses_of(device)
+    return drawn | ({"from": first, "to": others[0]} if others else {"bus": first})

@@ -76,7 +76,7 @@ def _grid(case: Case, full: Callable[[str], str]) -> Tab:
     """Machines, PMUs at buses, events."""
     state, frames, events = full("plant/state"), full("pmu/frames"), full("plant/events")
     machines = [machine.name for machine in case.system.machines]
-    buses = {i: pmu.name for i, pmu in enumerate(case.system.pmus) if pmu.machine is None}
+    buses = {i: pmu.name for i, pmu in enumerate(case.system.pmus) if pmu.machine not in machines}  # and at inverters
 
     def at_buses(field: str) -> list[Curve]:
         return [Curve(frames, f"frames[{i}].{field}", name) for i, name in buses.items()]
@@ -207,19 +207,19 @@ def _learning(topic: str, outputs: Sequence[str], parts: Sequence[str]) -> list[
 def _link(case: Case, here: str, name: str) -> Tab:
     """One link: delays and losses of its channels, and the delivered speeds or frequencies."""
     topic, pmus = f"{here}/link/statistics", [pmu.name for pmu in case.system.pmus]
-    machines = [pmu.name for pmu in case.system.pmus if pmu.machine is not None]
+    with_speed = [machine.name for machine in case.system.machines]
     channels = {"up": pmus, "down": case.run.devices}
     turning, title = "speed_deviation_pu", "speed deviation as delivered, p.u."
-    if case.measurement.filter != "ideal":
+    if case.measurement.filter != "ideal" or not with_speed:
         turning, title = "frequency_hz", "frequency as delivered, Hz"
+        with_speed = [unit.name for unit in case.system.units]
+    turned = [pmu.name for pmu in case.system.pmus if pmu.machine in with_speed]
 
     def of_all(field: str) -> list[Curve]:
         labels = {way: [f"{way} {name}" for name in names] for way, names in channels.items()}
         return [curve for way, each in labels.items() for curve in _each(topic, f"{way}[#].{field}", each)]
 
-    speeds = [
-        Curve(f"{here}/pmu/delivered", f'frames[:]{{pmu=="{machine}"}}.{turning}', machine) for machine in machines
-    ]
+    speeds = [Curve(f"{here}/pmu/delivered", f'frames[:]{{pmu=="{pmu}"}}.{turning}', pmu) for pmu in turned]
     return Tab(
         name,
         [

@@ -7,6 +7,7 @@ states, and are evaluated before the network is solved; they give the source. Th
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -75,6 +76,31 @@ def reduced(v: Any, source: complex, size: float) -> tuple[complex, complex]:
 
 
 @compiled
+def greatest_voltage(v: Any, source: complex, h: complex, without: float) -> float:
+    """Greatest |V| that a source in the direction of its voltage can have, p.u.; -1: there is none.
+
+    V = V0 + h f(|V|) V / |V|, with |V0| `without` the source and `h` its response to a current of 1 p.u. of the rating,
+    asks for | |V| - h f | = |V0|. Between its kinks f is linear, so that this is a quadratic equation.
+    """
+    high, saturated = math.inf, v.V_high + max(0.0, -source.imag - v.I_least) / max(v.K_high, SMALL)
+    while high > 0.0:
+        low = 0.0
+        for kink in (v.V_low, v.V_reduced, v.V_high, saturated):
+            low = max(low, kink) if kink < high else low
+        inside = min(2.0 * low + 1.0, 0.5 * (low + high))
+        value, slope = reduced(v, source, inside) if v.source == CURRENT else (v.admittance * source, 0j)
+        a, b = 1.0 - h * slope, h * (value - slope * inside)
+        square, middle = a.real * a.real + a.imag * a.imag, a.real * b.real + a.imag * b.imag
+        rest = middle * middle - square * (b.real * b.real + b.imag * b.imag - without * without)
+        for sign in (1.0, -1.0):
+            size = (middle + sign * math.sqrt(max(0.0, rest))) / square
+            if rest >= 0.0 and low <= size <= high:
+                return size
+        high = low
+    return -1.0
+
+
+@compiled
 def current(v: Any, source: complex, voltage: complex) -> complex:
     """Current of an inverter into the network, p.u. of its rating, from its port's source (p.u. of the system)."""
     return source / v.ratio - v.admittance * voltage  # type: ignore[no-any-return]
@@ -98,8 +124,9 @@ def sense(v: Any, turn: complex, voltage: complex, flowing: complex, s: Float1) 
 
 @compiled
 def sense_plant(v: Any, bus: complex, flowing: complex, s: Float1) -> None:
-    """Write what its plant control measures, at a bus and the current in a branch out of it, p.u. of the rating."""
-    power = bus * flowing.conjugate()
+    """Write what its plant control measures at a bus, and of the current in a branch out of it or, without, its own."""
+    if v.branch >= 0:
+        power = bus * flowing.conjugate()
+        s[PBRANCH], s[QBRANCH] = power.real, power.imag
     s[VBUS], s[THETA_BUS] = magnitude(bus), atan2(bus.imag, bus.real)
-    s[PBRANCH], s[QBRANCH] = power.real, power.imag
     s[VCOMP] = magnitude(bus - v.compensation * flowing)

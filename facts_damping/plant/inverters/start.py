@@ -38,14 +38,12 @@ class Inverters(NamedTuple):
     blocks: list[NDArray[Any]]
     sources: list[complex]
     violations: list[LimitViolation]
+    failures: list[str]  # of inverters without steady state
 
 
 def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Ports, first: int) -> Inverters:
-    """Every inverter at the power flow's operating point; `first`: number of rows of blocks before theirs.
-
-    Raises `InputError` if one has no steady state there.
-    """
-    started = Inverters(np.zeros(len(system.inverters), INVERTER), [], [], [])
+    """Every inverter at the power flow's operating point; `first`: number of rows of blocks before theirs."""
+    started = Inverters(np.zeros(len(system.inverters), INVERTER), [], [], [], [])
     plant_meters = {meter.inverter: (n, meter) for n, meter in enumerate(system.meters)}
     branches = {b.name: b for b in network.branches(system, network.Topology())} if plant_meters else {}
     for i, inverter in enumerate(system.inverters):
@@ -56,19 +54,23 @@ def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Po
         power = flow.generation[inverter.name] * system.base_power
         data = inverter.model_copy(update={"P": power.real, "Q": power.imag})
         controls = [c for c in system.inverter_controls if c.inverter == inverter.name and c.enabled]
-        sensed, wanted = _terminals(row, data, voltage, current)
+        sensed, wanted = _terminals(row, data, voltage, current, started.violations)
         sensed |= {"omega_0": 2 * math.pi * system.frequency, "speed": 1.0}
+        plants = [c for c in controls if hasattr(c, "VCFlag")]
+        row["compensation"] = sum(complex(getattr(c, "Rc", 0), getattr(c, "Xc", 0)) for c in plants)
+        sensed["Vcomp"] = magnitude(voltage - complex(times(row["compensation"], current)))
         if inverter.name in plant_meters:
             n, meter = plant_meters[inverter.name]
             row["bus"], row["branch"] = n, n if meter.branches else -1
-            sensed |= _at_plant(row, meter, flow, branches)
-        plants = [c for c in controls if hasattr(c, "VCFlag")]
-        row["compensation"] = sum(complex(getattr(c, "Rc", 0), getattr(c, "Xc", 0)) for c in plants)
-        sensed["Vcomp"] = _compensated(row, sensed)
+            sensed |= _at_plant(row, meter, flow, branches, current)
         sensed |= {f"{name}0": sensed[name] for name in ("Vt", "Pe", "Qe", "Vbus", "Vcomp", "Pbranch", "Qbranch")}
         assembled = control(data, *controls, signals=SIGNALS)
         references = [name for name in REFERENCES if name not in assembled.gives and _uses(assembled, name)]
-        rest = at_rest(assembled, [data, *controls], sensed, wanted, references, SIGNALS)
+        try:
+            rest = at_rest(assembled, [data, *controls], sensed, wanted, references, SIGNALS)
+        except InputError as error:
+            started.failures.append(str(error))
+            continue
         started.violations.extend(rest.violations)
         row["sensed"] = rest.signals[: len(KNOWN)]
         _place(row, assembled, MODELS[inverter.model].source, first + sum(map(len, started.blocks)))
@@ -81,11 +83,11 @@ def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Po
 
 
 def _terminals(
-    row: Any, data: Inverter, voltage: complex, current: complex
+    row: Any, data: Inverter, voltage: complex, current: complex, violations: list[LimitViolation]
 ) -> tuple[dict[str, float], dict[str, float]]:
     """What an inverter measures at its terminals, and what its source and angle must be; p.u. of its rating.
 
-    Writes the constants of its source into the row.
+    Writes the constants of its source into the row, and the limits of it that exclude the start into `violations`.
     """
     source = MODELS[data.model].source
     if source is None:
@@ -98,16 +100,17 @@ def _terminals(
         for name, value in zip(("V_low", "V_reduced", "V_high", "I_least", "K_high"), constants, strict=True):
             row[name] = value
         turned = complex(times(current, rect(1.0, -angle)))
-        values = _before_reduction(row, data, turned, size)
+        values = _before_reduction(row, turned, size)
+        if size <= row["V_low"] and turned.real != 0.0:
+            violations.append(_beyond(data, 0, "Vt with active current", size, row["V_low"], math.inf))
+        if size > row["V_high"] and -turned.imag < row["I_least"] - 1e-9:
+            violations.append(_beyond(data, 3, "reactive current", -turned.imag, row["I_least"], math.inf))
     else:
         impedance = complex(constants[0], constants[1])
         row["admittance"], row["I_max"] = over(1.0, impedance), constants[2]
         emf = complex(voltage + times(impedance, current))
         if magnitude(current) > row["I_max"] * (1.0 + 1e-9):
-            raise InputError(
-                f"inverters: {data.name}: {magnitude(current):.4g} p.u. of current at the start; "
-                f"allowed: at most {row['I_max']:g}"
-            )
+            violations.append(_beyond(data, 2, "current", magnitude(current), 0.0, row["I_max"]))
         angle = phase(emf) if source.forming else angle
         turned = complex(times(emf, rect(1.0, -angle)))
         values = [turned.real, turned.imag]
@@ -128,28 +131,33 @@ def _constant(value: Any, data: Any) -> float:
     return float(value(data) if callable(value) else value)
 
 
-def _before_reduction(row: Any, data: Inverter, turned: complex, size: float) -> list[float]:
+def _beyond(data: Inverter, constant: int, name: str, value: float, low: float, high: float) -> LimitViolation:
+    """A limit of the source that excludes the start; `constant`: which of its constants that is."""
+    source = MODELS[data.model].source
+    field = source.constants[constant] if source is not None else None
+    return LimitViolation(data, name, value, low, high, field if isinstance(field, str) else None, value)
+
+
+def _before_reduction(row: Any, turned: complex, size: float) -> list[float]:
     """Active current and that in quadrature before `inverter.reduced`."""
     gain = 1.0
     if size < row["V_reduced"]:
         gain = max(0.0, (size - row["V_low"]) / (row["V_reduced"] - row["V_low"]))
-    if gain == 0.0 and turned.real != 0.0:
-        raise InputError(
-            f"inverters: {data.name}: {size:.4g} p.u. of voltage at the start, at which it gives no active current; "
-            f"allowed: above {row['V_low']:g}"
-        )
     beyond = row["K_high"] * max(0.0, size - row["V_high"])
     return [turned.real / gain if gain > 0.0 else 0.0, float(turned.imag - beyond)]
 
 
-def _at_plant(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str, network.Branch]) -> dict[str, float]:
-    """What a plant control measures, p.u. of the inverter's rating."""
-    bus = flow.by_bus[meter.bus]
-    seen = {"Vbus": magnitude(bus), "theta_bus": phase(bus)}
-    if not meter.branches:
-        return seen
-    power = complex(times(bus, _branch_current(row, meter, flow, branches).conjugate()))
-    return seen | {"Pbranch": power.real, "Qbranch": power.imag}
+def _at_plant(
+    row: Any, meter: Meter, flow: PowerFlow, branches: dict[str, network.Branch], current: complex
+) -> dict[str, float]:
+    """What a plant control measures, p.u. of the inverter's rating, whose `current` counts where there is no branch."""
+    bus, seen = flow.by_bus[meter.bus], dict[str, float]()
+    if meter.branches:
+        current = _branch_current(row, meter, flow, branches)
+        power = complex(times(bus, current.conjugate()))
+        seen = {"Pbranch": power.real, "Qbranch": power.imag}
+    compensated = magnitude(bus - complex(times(row["compensation"], current)))
+    return seen | {"Vbus": magnitude(bus), "theta_bus": phase(bus), "Vcomp": compensated}
 
 
 def _branch_current(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str, network.Branch]) -> complex:
@@ -158,12 +166,6 @@ def _branch_current(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str,
     end = 0 if branch.from_bus == meter.bus else 1
     ends = flow.by_bus[branch.from_bus], flow.by_bus[branch.to_bus]
     return complex(sum(times(branch.admittance[end], np.array(ends)))) / float(row["ratio"])
-
-
-def _compensated(row: Any, sensed: dict[str, float]) -> float:
-    """|V - (Rc + j Xc) I| of the regulated bus and the monitored branch; of the terminals: the current out of them."""
-    flowing = complex(sensed["Pbranch"], -sensed["Qbranch"]) / sensed["Vbus"]
-    return magnitude(sensed["Vbus"] - complex(times(row["compensation"], flowing)))
 
 
 def _uses(assembled: Control, name: str) -> bool:

@@ -79,16 +79,13 @@ def control(*models: Any, signals: Signals = MACHINE) -> Control:
     label = f"{models[0].model} of {owner(models[0])}"
     used = {name for b in blocks for name in (*dict(b.inputs), b.low_of, b.high_of, b.hold)}
     if missing := sorted(used - {*named, *signals.known, *signals.measured}):
-        raise InputError(f"{label}: {', '.join(missing)} given by none; allowed: with a control that gives it")
+        giving = [name for name, row in MODELS.items() if any(block.name in missing for block in row.blocks)]
+        text = f"no {', '.join(missing)} given; allowed: with one of {', '.join(giving)}"
+        raise InputError(f"{label}: {text}")
     first = _in_order(blocks, set(signals.known) - set(named))
     rest = [block for block in blocks if block not in first]
     known = {*signals.known, *signals.measured}.difference(named).union(block.name for block in first)
     later = _in_order(rest, known)
-    needed = {name for b in blocks for name in (b.low_of, b.high_of, b.hold, *(name for name, _ in b.inputs))}
-    if missing := sorted(needed - known - set(named)):
-        models_of = [name for name, row in MODELS.items() if any(block.name in missing for block in row.blocks)]
-        text = f"no {', '.join(missing)} given; allowed: with one of {', '.join(models_of)}"
-        raise InputError(f"{label}: {text}")
     if left := [block.name for block in rest if block not in later]:
         text = f"an algebraic loop: {', '.join(left)}; allowed: a time constant above 0"
         raise InputError(f"{label}: {text}")

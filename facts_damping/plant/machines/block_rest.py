@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
 
 TOLERANCE = 1e-10  # p.u., 1/s, residual of the steady state
+STILL = 0.1  # of the greatest residual, below which a signal is not named
 FIRM = 1e-6  # weight of a state that has a start of its own
 STEPS = 50  # largest number of iterations from one starting point
 STARTS = (1.0, 3.0, 10.0)  # starting points of all states, times the output: of a rectifier they are far above it
@@ -78,8 +79,8 @@ def at_rest(
 ) -> Rest:
     """States and values of the signals `references` for which outputs are as `gives` at steady state.
 
-    It is solved by Newton's method without limits, but for stops, which rest at 0; what these do not determine is as
-    near to the start of the search as can be. Raises `InputError` if there is no steady state.
+    It is solved by Newton's method without limits, but for stops, which rest at 0, and limiters, if there is one with
+    them; what is not determined is as near to the start of the search as can be. Raises `InputError` if there is none.
     """
     names = [*signals.known, *signals.measured]
     s, at = np.zeros(len(names) + len(block_control.rows)), len(names)
@@ -87,13 +88,9 @@ def at_rest(
         s[names.index(name)] = value
     free = block_control.rows.copy()
     stops = free["kind"] == kernel.STOP
-    freed = (free["kind"] != kernel.LIMITER) & ~stops
-    free["low"][freed], free["high"][freed] = -kernel.NO_LIMIT, kernel.NO_LIMIT
-    free["low_of"][freed] = free["high_of"][freed] = kernel.ONE
     free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["hold"] = kernel.NONE
     free["p"][stops, 0] = 0.0
-    free["p"][free["kind"] == kernel.SERVO, 1:3] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     outputs = [at + block_control.gives.index(name) for name in gives]
     places, n = [names.index(name) for name in references], len(block_control.states)
 
@@ -107,29 +104,37 @@ def at_rest(
     active = {block.name: block for data in models for block in active_blocks(data)}
     starts = [active[name].start if name in active else None for name in block_control.states] + [None] * len(places)
     weights = np.array([1.0 if start is None else FIRM for start in starts])
-    for scale in STARTS:
-        begin = np.array([scale * usual if start is None else start for start in starts])
-        begin[free["state"][stops]] = 0.0
-        z = _zero(moves, begin, weights)
-        if z is not None:
-            break
-    else:
-        raise InputError(f"{models[0].model} of {owner(models[0])}: no steady state found at the start")
-    return Rest(z[:n], z[n:].tolist(), s, _violations(block_control, models, s, at))
+    left = np.zeros(0)
+    for freed in ((free["kind"] != kernel.LIMITER) & ~stops, ~stops):
+        free["low"][freed], free["high"][freed] = -kernel.NO_LIMIT, kernel.NO_LIMIT
+        free["low_of"][freed] = free["high_of"][freed] = kernel.ONE
+        for scale in STARTS:
+            begin = np.array([scale * usual if start is None else start for start in starts])
+            begin[free["state"][stops]] = 0.0
+            z = _zero(moves, begin, weights, once_more=signals is not MACHINE)
+            left = np.abs(moves(z))
+            if left.max(initial=0.0) < TOLERANCE:
+                return Rest(z[:n], z[n:].tolist(), s, _violations(block_control, models, s, at))
+    names = [*block_control.states, *gives]
+    restless = dict.fromkeys(name for name, rest in zip(names, left, strict=True) if not rest < STILL * left.max())
+    text = f"no steady state of {', '.join(restless)} at the start; allowed: flags and a power flow with one"
+    raise InputError(f"{models[0].model} of {owner(models[0])}: {text}")
 
 
-def _zero(f: Callable[[Float1], Float1], z: Float1, weights: Float1) -> Float1 | None:
-    """Zero of a function by Newton's method from a point on; None: it does not converge.
+def _zero(f: Callable[[Float1], Float1], z: Float1, weights: Float1, *, once_more: bool) -> Float1:
+    """Zero of a function by Newton's method from a point on, or where it ends; `once_more`: one step beyond that.
 
     Of steps that do equally well, it takes that of the least length over the weights.
     """
     for _ in range(STEPS):
         left = f(z)
         if np.abs(left).max(initial=0.0) < TOLERANCE:
-            return z
+            if not once_more:
+                break
+            once_more = False
         slopes = [(f(z + step) - f(z - step)) / (2.0 * step.max()) for step in 1e-6 * np.eye(len(z))]
         z = z - weights * least_squares(np.array(slopes).T * weights, left)
-    return None
+    return z
 
 
 def _violations(block_control: Control, models: Sequence[Any], s: Float1, at: int) -> list[LimitViolation]:
@@ -143,6 +148,7 @@ def _violations(block_control: Control, models: Sequence[Any], s: Float1, at: in
         side, of = ("low", row["low_of"]) if value < low else ("high", row["high_of"])
         data, block = of_signal[name]
         limit = getattr(block, side)
-        field = limit if isinstance(limit, str) else None
-        wrong.append(LimitViolation(data, name, float(value), float(low), float(high), field, float(value / s[of])))
+        field = limit if isinstance(limit, str) and s[of] != 0.0 else None
+        wanted = float(value / s[of]) if s[of] != 0.0 else float(value)
+        wrong.append(LimitViolation(data, name, float(value), float(low), float(high), field, wanted))
     return wrong

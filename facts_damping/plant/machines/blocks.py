@@ -74,12 +74,12 @@ BLOCK = np.dtype(
         ("inputs", "i8"),
         ("source", "i8", (MAX_INPUTS,)),  # input signals
         ("weight", "f8", (MAX_INPUTS,)),
-        ("p", "f8", (2 * POINTS,)),
         ("low", "f8"),
         ("high", "f8"),
         ("low_of", "i8"),  # signals that multiply the limits
         ("high_of", "i8"),
         ("hold", "i8"),  # the signal that holds its states while it is 1
+        ("p", "f8", (2 * POINTS,)),  # last, as most rows use the first few alone
     ]
 )
 # Of a machine: the rows of each control, and its output signal; no rows: no control of this sort.
@@ -132,6 +132,24 @@ def _on_curve(b: Any, u: float) -> float:
 
 
 @compiled
+def _of_inverters(b: Any, u: float, x: Float1, s: Float1) -> float:
+    """The signal of a block of the kinds from DEAD_BAND on; see `outputs`."""
+    if b.kind == DEAD_BAND:
+        return u - min(max(u, b.p[0]), b.p[1])  # type: ignore[no-any-return]
+    if b.kind == ROOM:
+        return math.sqrt(max(0.0, b.p[0] * b.p[0] - u * u))
+    if b.kind == MAGNITUDE:
+        return magnitude(complex(b.weight[0] * s[b.source[0]], b.weight[1] * s[b.source[1]]))
+    if b.kind == SINE:
+        return sin(u)  # type: ignore[no-any-return]
+    if b.kind == COSINE:
+        return cos(u)  # type: ignore[no-any-return]
+    if b.kind == AFTER:
+        return 1.0 if u > 0.5 or (b.state >= 0 and x[b.state] > OVER) else 0.0
+    return _limited(b, x[b.state], s)
+
+
+@compiled
 def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: Float1) -> None:
     """Write the signals of rows `first` to `end` into `s`, from index `at` on, for states `x`.
 
@@ -165,18 +183,8 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
             y = _limited(b, s[b.source[0]] / s[b.source[1]], s)
         elif b.kind == CURVE:
             y = _on_curve(b, u)
-        elif b.kind == DEAD_BAND:
-            y = u - min(max(u, b.p[0]), b.p[1])
-        elif b.kind == ROOM:
-            y = math.sqrt(max(0.0, b.p[0] * b.p[0] - u * u))
-        elif b.kind == MAGNITUDE:
-            y = magnitude(complex(b.weight[0] * s[b.source[0]], b.weight[1] * s[b.source[1]]))
-        elif b.kind == SINE:
-            y = sin(u)
-        elif b.kind == COSINE:
-            y = cos(u)
-        elif b.kind == AFTER:
-            y = 1.0 if u > 0.5 or (b.state >= 0 and x[b.state] > OVER) else 0.0
+        elif b.kind >= DEAD_BAND:
+            y = _of_inverters(b, u, x, s)
         elif b.state < 0:
             y = _limited(b, b.p[0] * u, s)
         elif b.kind == LEAD_LAG:

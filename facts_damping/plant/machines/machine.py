@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.elementary import log, magnitude, phase, power, rect
+from facts_damping.elementary import log, magnitude, phase, power
 from facts_damping.errors import InputError
 from facts_damping.numerics.matrices import product, solve
-from facts_damping.numerics.phasors import over, times
+from facts_damping.numerics.phasors import over, polar, times
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -275,7 +275,7 @@ class _Trial(NamedTuple):
 
 def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, current: complex) -> _Trial:
     """A machine at a rotor angle: the EMF required by its stator, and that of its circuits."""
-    v, i = (complex(phasor) for phasor in times([voltage, current], rect(1.0, math.pi / 2 - delta)))
+    v, i = (complex(phasor) for phasor in times([voltage, current], polar(1.0, math.pi / 2 - delta)))
     emf = complex(v + float(row["Ra"]) * i + complex(-row["Xq"] * i.imag, row["Xd"] * i.real))
     psi = magnitude(emf)
     s = 0.0 if row["field_saturates"] else _saturated(row, psi)

@@ -40,8 +40,8 @@ class Compared(NamedTuple):
 
     def best(self, arm: Arm) -> list[dict[str, Any]]:
         """The controller of an arm that was best in training, or that it has anyway."""
-        of_arm = [result for (name, _), result in sorted(self.searches.items()) if name == arm.name]
-        best: list[dict[str, Any]] = min(of_arm, key=lambda result: result["value"])["rows"] if of_arm else arm.fixed
+        of_arm = [search for (name, _), search in sorted(self.searches.items()) if name == arm.name]
+        best: list[dict[str, Any]] = min(of_arm, key=lambda search: search["value"])["rows"] if of_arm else arm.fixed
         return best
 
 
@@ -73,13 +73,13 @@ def compared(part: str, folder: Path, each: Each) -> Compared:
         (name, seed) for seed in range(plan()["search"]["seeds"]) for name, arm in arms(part).items() if arm.searched
     ]
     searches = {
-        (name, seed): found for name, seed, found in kept(folder, "search", todo, partial(searched, part), each)
+        (name, seed): search for name, seed, search in kept(folder, "search", todo, partial(searched, part), each)
     }
     tasks: list[Any] = [(NONE, 0, [])]
     tasks += [(name, 0, arm.fixed) for name, arm in arms(part).items() if not arm.searched]
-    tasks += [(name, seed, found["rows"]) for (name, seed), found in searches.items()]
-    rows = {(name, seed): found for name, seed, found in kept(folder, "unseen", tasks, partial(_measured, part), each)}
-    return Compared(searches, rows, [case["kind"] for case in cases()])
+    tasks += [(name, seed, search["rows"]) for (name, seed), search in searches.items()]
+    outcomes = kept(folder, "unseen", tasks, partial(_measured, part), each)
+    return Compared(searches, {(name, seed): rows for name, seed, rows in outcomes}, [case["kind"] for case in cases()])
 
 
 def ratio(results: Compared, arm: str, against: str, reference: str = NONE) -> decide.Ratio:
@@ -120,19 +120,19 @@ def ratios(results: Compared) -> Rows:
 def _counted(results: Compared, name: str) -> dict[str, Any]:
     runs = [run for (arm, _), some in results.rows.items() if arm == name for run in some]
     sound = [run for run in runs if not run["lost"]]
-    found = [search for (arm, _), search in results.searches.items() if arm == name]
+    runs_of_arm = [search for (arm, _), search in results.searches.items() if arm == name]
     return {
         "runs": len(runs),
         "lost": len(runs) - len(sound),
         "effort": sum(run["effort"] for run in sound) / max(1, len(sound)),
-        "loops": sum(search["loops"] for search in found),
+        "loops": sum(search["loops"] for search in runs_of_arm),
     }
 
 
 def claim(results: Compared) -> Rows:
     """The claim's comparisons, by the index and by the damping ratio of the interarea mode."""
     values = {
-        name: [found["value"] for (arm, _), found in results.searches.items() if arm == name]
+        name: [search["value"] for (arm, _), search in results.searches.items() if arm == name]
         for name in ("POD-P", "POD-Q")
     }
     pod = min(values, key=lambda name: sum(values[name]) / len(values[name]))

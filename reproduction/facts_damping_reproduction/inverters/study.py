@@ -36,8 +36,8 @@ def plan() -> dict[str, Any]:
 def grid(kind: str, share: float, place: Sequence[int] = (1, 1)) -> dict[str, Any]:
     """Fields of a grid whose areas have a share of inverters of a kind; `place`: 1 for each area that has."""
     rows = zip(plan()["kinds"][kind], place, strict=True)
-    own = {f"system.inverter_shares.{row}.share": float(share * there) for row, there in rows}
-    return {"system.inverter_shares.*.share": 0.0, **own}
+    replaced = {f"system.inverter_shares.{row}.share": float(share * there) for row, there in rows}
+    return {"system.inverter_shares.*.share": 0.0, **replaced}
 
 
 def made(sets: dict[str, Any], rows: Sequence[dict[str, Any]] = (), devices: Sequence[str] = ()) -> Case:

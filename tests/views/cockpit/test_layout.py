@@ -16,6 +16,7 @@ from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import with_event, with_link
 from facts_damping_views.cockpit import controls, layout, samples
+from tests.two_plants import path
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
@@ -33,7 +34,7 @@ def indices(shown: dict[str, Any]) -> list[int]:
     """All indices of curves in a panel."""
     drawn = shown["diagram"]
     curves = [bus["frequency"] for bus in drawn["buses"]] + [link["latency"] for link in drawn["links"]]
-    curves += [m[key] for m in drawn["machines"] for key in ("angle", "power")]
+    curves += [m[key] for m in drawn["machines"] for key in ("angle", "power") if m[key] is not None]
     curves += [d["setpoint"] for d in drawn["devices"] if d["setpoint"] is not None]
     curves += [monitor["curve"] for monitor in shown["monitors"]]
     return [*curves, *(i for chart in shown["charts"] for i in chart["curves"])]
@@ -45,13 +46,31 @@ def test_cockpit_layout_shows_all_parts_of_the_grid_with_their_curves(case: Case
     json.dumps(shown, allow_nan=False)
     assert [bus["name"] for bus in drawn["buses"]] == [bus.name for bus in system.buses]
     assert len({(bus["x"], bus["y"]) for bus in drawn["buses"]}) == len(system.buses)
-    assert {m["name"] for m in drawn["machines"]} == {m.name for m in system.machines}
+    assert {m["name"] for m in drawn["machines"]} == {unit.name for unit in system.units}
     branches = {branch["name"] for branch in drawn["branches"]}
     assert {line.name for line in system.lines} | {transformer.name for transformer in system.transformers} <= branches
     assert set(case.run.devices) <= {d["name"] for d in drawn["devices"]}
     assert sorted(set(indices(shown))) == list(range(len(shown["curves"])))
     assert {chart["unit"] for chart in shown["charts"]} >= {"Hz", "deg", "MW", "p.u.", "ms"}
     assert bool(shown["monitors"]) == (case.supervision is not None)
+
+
+def test_inverters_stand_at_their_buses_with_their_power_but_no_angle() -> None:
+    """A square on the page; its device beside it; no power without a PMU."""
+    sets = [f"system={path('solar')}", "devices=[pod_p]", "controllers=[]", "scenario=[]"]
+    panel = layout.panel(load_case(None, sets), "it")
+    drawn, curves = panel.shown["diagram"], panel.curves
+    by_name = {m["name"]: m for m in drawn["machines"]}
+    assert by_name["SOLAR"] == {"name": "SOLAR", "bus": "B3", "angle": None, "power": by_name["SOLAR"]["power"]}
+    assert curves[by_name["SOLAR"]["power"]].parts == {"pmu.SOLAR.active_power_pu": 100.0}
+    assert by_name["G1"]["angle"] is not None
+    (device,) = drawn["devices"]
+    assert (device["name"], device["bus"]) == ("pod_p", "B3")
+    powers = next(chart for chart in panel.shown["charts"] if chart["title"] == "active power")
+    assert [curves[i].label for i in powers["curves"]] == ["SOLAR"]
+    bare = layout.panel(load_case(None, [*sets, "system.pmus.2.bus=B3", "system.pmus.2.machine=null"]), "it")
+    assert {m["name"]: m["power"] for m in bare.shown["diagram"]["machines"]}["SOLAR"] is None
+    json.dumps(panel.shown, allow_nan=False)
 
 
 def test_buses_without_a_pmu_have_a_mean_of_measured_frequencies(case: Case) -> None:

@@ -24,8 +24,9 @@ export function makeDiagram(panel, box, readout) {
   view.branches = branches.map((one) => svg("path", { class: `branch ${one.kind}` }, svg("title", {}, one.name)));
   view.buses = buses.map(() => svg("circle", { class: "bus" }));
   view.pmus = buses.filter((bus) => bus.pmu).map((bus) => [bus, svg("path", { class: "pmu", d: "M0,-5L4.5,3H-4.5Z" })]);
-  view.machines = machines.map(() => ({
-    stub: svg("path", { class: "stub" }), ring: svg("circle", { class: "machine" }), arrow: svg("path", { class: "arrow" }),
+  view.machines = machines.map((one) => ({ // an inverter has no angle, and is a square
+    stub: svg("path", { class: "stub" }), arrow: svg("path", { class: "arrow" }),
+    ring: svg(one.angle === null ? "path" : "circle", { class: "machine" }),
   }));
   view.devices = devices.map((one) => ({
     joint: svg("path", { class: `branch ${one.from ? one.kind : "stub"}` }),
@@ -92,8 +93,9 @@ function placeMachines(view, on) {
     const [x, y] = on.beside(one.bus, 2.2 * on.size + r);
     const { stub, ring, arrow } = view.machines[i];
     set(stub, { d: `M${on.where(one.bus)}L${x},${y}` });
-    set(ring, { cx: x, cy: y, r });
-    set(arrow, { d: `M${-0.7 * r},0H${0.75 * r}M${0.2 * r},${-0.45 * r}L${0.78 * r},0L${0.2 * r},${0.45 * r}`, "stroke-width": r / 5 });
+    if (one.angle === null) set(ring, { d: `M${x - r},${y - r}h${2 * r}v${2 * r}h${-2 * r}zl${2 * r},${2 * r}` });
+    else set(ring, { cx: x, cy: y, r });
+    if (one.angle !== null) set(arrow, { d: `M${-0.7 * r},0H${0.75 * r}M${0.2 * r},${-0.45 * r}L${0.78 * r},0L${0.2 * r},${0.45 * r}`, "stroke-width": r / 5 });
     view.machines[i].at = [x, y];
     on.taken.push(around([x, y], r));
     on.labels.push({ node: view.labels.machines[i], at: [x, y], reach: r + 2 });
@@ -179,7 +181,8 @@ function read(view) {
   if (!bus) return set(view.readout, { text: "" });
   const value = (i) => (i === null ? "not installed" : shown(view.row[i + 2], curves[i].unit));
   const parts = [`${bus.name}: ${value(bus.frequency)}`,
-    ...machines.filter((m) => m.bus === bus.name).map((m) => `${m.name}: ${value(m.angle)}, ${value(m.power)}`),
+    ...machines.filter((m) => m.bus === bus.name)
+      .map((m) => `${m.name}: ${[m.angle, m.power].filter((i) => i !== null).map(value).join(", ") || "no PMU"}`),
     ...devices.filter((d) => [d.bus, d.from, d.to].includes(bus.name)).map((d) => `${d.name}: ${value(d.setpoint)}`)];
   set(view.readout, { text: parts.join(" · ") });
 }
@@ -200,6 +203,7 @@ export function drawDiagram(view, row, { out, released }, status, palette, legen
     set(view.buses[i], { fill: colour });
   });
   machines.forEach((one, i) => {
+    if (one.angle === null) return;
     const degrees = row[one.angle + 2] * (curves[one.angle].unit.startsWith("rad") ? 180 / Math.PI : 1);
     const { arrow, at } = view.machines[i];
     if (at) set(arrow, { transform: `${move(...at)} rotate(${Number.isFinite(degrees) ? -Math.round(2 * degrees) / 2 : 0})` });
