@@ -15,8 +15,8 @@ CASES = [(name, with_devices) for name, with_devices in CASES if shipped(name).d
 def test_start_is_an_equilibrium_and_nothing_happens_in_20_s(name: str, *, with_devices: bool) -> None:
     """Where the open loop is unstable the start's slope grows in 20 s: two_area's 0.055 1/s makes three of one.
 
-    Kundur's thyristor exciters with transient gain reduction have 0.13 1/s, which makes 14; half of two_area in inverters
-    that follow has 0.21 1/s, which makes 69.
+    Kundur's thyristor exciters with transient gain reduction have 0.13 1/s, which makes 14; two_area with half of it in
+    inverters that follow has 0.21 1/s, which makes 69.
     """
     built = plant(name, installed=None if with_devices else [])
     assert np.abs(slopes(built)).max() <= 1e-9
