@@ -23,7 +23,7 @@ def test_every_case_is_on_the_page_once(tmp_path: Path) -> None:
     assert "**0 runs ended by numerics**" in page.read_text(encoding="utf-8")
 
 
-def test_a_case_is_drawn_from_its_number_alone() -> None:
+def test_case_is_drawn_from_its_number_alone() -> None:
     assert cases.case(3) == cases.case(3)
     assert cases.case(3) != cases.case(4)
     assert runs.outcome(cases.case(3), 0.0).how in pages.HOW
