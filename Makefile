@@ -120,6 +120,7 @@ pages: demo
 	$(BIN)/python -m facts_damping_reproduction.pdci.pages $(PAGES)/pdci
 	sed -E 's#\]\(([a-z]+\.(png|csv))\)#](images/pdci/\1)#g' $(PAGES)/pdci/pdci.md > docs/pdci.md
 	$(BIN)/python -m facts_damping_reproduction.inverters.pages $(PAGES)/inverters
+	$(BIN)/python -m facts_damping_reproduction.inverter_faults.pages $(PAGES)/inverters
 	sed -E 's#\]\(([a-z]+\.(png|csv))\)#](images/inverters/\1)#g' $(PAGES)/inverters/inverters_results.md > docs/inverters_results.md
 	$(BIN)/python -m facts_damping_reproduction.result_figures $(PAGES)
 	cd docs/images && for made in */*; do cp ../../$(PAGES)/$$made $$made || exit 1; done
