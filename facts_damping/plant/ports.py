@@ -189,14 +189,14 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
         respond(plant, interval, work)
         for p in range(source.size):
             _write_response(plant, interval, p, source, work)
-            h, step = own_response(plant, interval, p), 0j
+            h = own_response(plant, interval, p)
             rest = law(plant, x, reference, interval, p, work) - source[p]
             square = rest.real * rest.real + rest.imag * rest.imag
             size = source[p].real * source[p].real + source[p].imag * source[p].imag
             right = square <= tolerance * tolerance * (1.0 + size)
-            if plant.ports[p].kind != INVERTER or work.blocked[p]:
+            if plant.ports[p].kind != INVERTER or work.blocked[p] or right:
                 step = _own_step(h, work.slope[p], rest)
-            elif not right:
+            else:
                 step = settled(plant, interval, h, source[p], p, work) - source[p]
                 before = math.inf if work.blocked[p] else before
             solved = solved and right
