@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Literal
 
 from facts_damping.devices.base import KIND, AtInverter, text
-from facts_damping.devices.kind import DeviceKind, Shown, Site, Start, at_rest, no_source, table
+from facts_damping.devices.kind import DeviceKind, Shown, at_rest, no_source, table, without_states
 from facts_damping.fields import quantity
 
 
@@ -27,10 +27,5 @@ class InverterInput(AtInverter):
     rate_max: float = quantity(10.0, "p.u./s", "rate limit of the setpoint", gt=0, le=1000)
 
 
-def start(_device: InverterInput, site: Site) -> Start:
-    """The device at rest, without states."""
-    return Start((site.offset,), [], 0.0)
-
-
 SHOWN = Shown("inverter input", "power or voltage", "raises its power or voltage", "inverter input", "", "*")
-ROW = DeviceKind(table(), [], start, no_source, at_rest, model=InverterInput, shown=SHOWN, new={})
+ROW = DeviceKind(table(), [], without_states, no_source, at_rest, model=InverterInput, shown=SHOWN, new={})

@@ -26,7 +26,6 @@ class Site(NamedTuple):
     base_power: float = math.nan  # MVA
     machine: int = -1  # index of the machine or inverter of a device without a port
     inverter: int = -1
-    input: int = -1  # signal of the inverter that its setpoint is added to
 
 
 class Start(NamedTuple):
@@ -57,6 +56,11 @@ def _no_more(_d: Any, _x: Float1, _u: float, _size: float, _blocked: bool, _out:
 @compiled
 def at_rest(_d: Any, _x: Float1, _u: float, _size: float, _dx: Float1) -> None:
     """No states."""
+
+
+def without_states(_device: DeviceModel, site: Site) -> Start:
+    """A device at rest that has neither states nor constants."""
+    return Start((site.offset,), [], 0.0)
 
 
 @compiled

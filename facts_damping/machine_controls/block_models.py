@@ -5,9 +5,11 @@ They come from installed packages, those of the PSS/E library from `facts_dampin
 
 from __future__ import annotations
 
+from typing import Any
+
 from facts_damping.errors import InputError
 from facts_damping.extensions import rows
-from facts_damping.machine_controls.blocks import Model, Quantity
+from facts_damping.machine_controls.blocks import Block, Model, Quantity
 
 MODELS: dict[str, Model] = {}
 for package, models in rows("machine_controls", dict).items():
@@ -16,6 +18,7 @@ for package, models in rows("machine_controls", dict).items():
             f"machine_controls: {package}: {', '.join(MODELS.keys() & models)} given; allowed: other names"
         )
     MODELS |= models
+
 
 # What stands for `input` and `input_2` of a stabiliser by its code IC; 2 is the frequency of a bus, for which the speed
 # of the machine stands; 0: there is none.
@@ -28,6 +31,11 @@ _NO_TIMES = {
     *("TATB", "THETAP", "T1T3", "T2T4", "TMAX", "TMIN", "Thld"),
     *("Theta0", "TetaMax", "TetaMin", "Temax", "Temin", "TRATE"),
 }
+
+
+def active_blocks(data: Any) -> list[Block]:
+    """The blocks of a model that its fields ask for."""
+    return [block for block in MODELS[data.model].blocks if block.when is None or block.when(data)]
 
 
 def quantity_of(name: str) -> Quantity:

@@ -6,6 +6,7 @@ It is data: `plant.block_controls` knows the kinds of blocks. Models of the PSS/
 from __future__ import annotations
 
 import math
+import re
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
@@ -42,6 +43,26 @@ class Block(NamedTuple):
     start: float | None = None  # of its state, where no equation of the start says otherwise
 
 
+class Term(NamedTuple):
+    """A signal in the inputs of a block, with its sign and its factor; no factor: 1."""
+
+    sign: str
+    factor: str
+    signal: str
+
+
+def terms(inputs: str) -> list[Term]:
+    """The signals of an expression such as "Vref - K1 * VT"."""
+    return [Term(*parts) for parts in re.findall(r"([+-]?)\s*(?:(\w+)\s*\*\s*)?(\w+)", inputs)]
+
+
+def number(constant: Constant, data: Any) -> float:
+    """A constant of a model: a number, a field of its parameters, or a value that follows from fields."""
+    if isinstance(constant, str):
+        return float(getattr(data, constant))
+    return float(constant(data) if callable(constant) else constant)
+
+
 class Source(NamedTuple):
     """How an inverter feeds the network: the signals of its source, in the direction of an angle.
 
@@ -57,6 +78,11 @@ class Source(NamedTuple):
     angle: str = ""  # the signal that is its angle, rad; none: that of the terminal's voltage
     forming: bool = False  # whether its angle is that of the EMF, and not that of the voltage
     virtual: bool = False  # whether it forms a grid as a virtual machine, though its angle is that of a PLL
+
+    @property
+    def forms_a_grid(self) -> bool:
+        """Whether it has a direction of its own, with or without a PLL."""
+        return self.forming or self.virtual
 
 
 class Model(NamedTuple):

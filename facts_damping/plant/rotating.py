@@ -96,9 +96,7 @@ def _add_blocks(rotating: Rotating, g: int, data: Any, seen: dict[str, float], s
         sensed["Vc"] = magnitude(complex(seen["Vd"], seen["Vq"]) + complex(added))
     output, references = block_controls.GIVES[role], [] if reference is None else [reference]
     rest = block_rest.at_rest(control, [data], sensed, {} if wanted is None else {output: seen[wanted]}, references)
-    first = sum(map(len, rotating.blocks))
-    rows = control.rows.copy()
-    rows["state"][rows["state"] >= 0] += states.offset
+    first, rows = sum(map(len, rotating.blocks)), block_controls.with_states_from(control, states.offset)
     row[f"{role}_first"], row[f"{role}_end"] = first, first + len(rows)
     row[f"{role}_gives"], row["Vt0"] = control.gives.index(output), seen["Vt0"]
     if role == "exciter":

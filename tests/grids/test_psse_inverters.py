@@ -16,7 +16,7 @@ from facts_damping_grids.psse.conversion import import_case
 from tests.grids.test_psse import DYR, RAW, imported, one_line, raw_with
 from tests.grids.test_psse_units import equal_voltages
 from tests.plant.inverter_rows import CONSTANTS
-from tests.plant.inverters import VALUES
+from tests.plant.inverters import SOURCES, VALUES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -230,6 +230,20 @@ def test_grid_forming_inverter_has_the_impedance_of_its_generator(model: str, tm
         ("G3", None, True),
     ]
     assert "machines" not in alone.content
+    build_of(alone)
+
+
+def test_virtual_machines_alone_are_a_grid_too(tmp_path: Path) -> None:
+    """REGFMB1's angle is that of a PLL, and it forms a grid none the less."""
+    (tmp_path / "case.raw").write_text(RAW.read_text())
+    constants = " ".join(SOURCES["REGFMB1"].split()[:-2])  # without Re, Xe
+    (tmp_path / "case.dyr").write_text("".join(f"{bus} 'REGFMB1' 1 {constants} /\n" for bus in (1, 2, 3)))
+    alone = import_case(tmp_path / "case.raw", tmp_path / "case.dyr")
+    assert [(row["name"], row.get("slack")) for row in alone.content["inverters"]] == [
+        ("G1", True),
+        ("G2", None),
+        ("G3", None),
+    ]
     build_of(alone)
 
 

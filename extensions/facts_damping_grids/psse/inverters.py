@@ -5,14 +5,13 @@ References: PSS/E Model Library (DYR records).
 
 from __future__ import annotations
 
-import re
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.machine_controls.block_models import MODELS
+from facts_damping.machine_controls.block_models import MODELS, active_blocks
+from facts_damping.machine_controls.blocks import terms
 from facts_damping.output.tables import some_of
-from facts_damping.plant.inverters.inverter import KNOWN, MEASURED
-from facts_damping.plant.machines.block_controls import USUAL
+from facts_damping.plant.inverters.inverter import KNOWN, MEASURED, STAND_INS
 from facts_damping_grids.notes import Note
 from facts_damping_grids.psse.controls import adapted, constants_of, lack, role_of
 from facts_damping_grids.psse.effects import INVERTERS, SOURCE, effect_of, family, of_record
@@ -28,8 +27,7 @@ if TYPE_CHECKING:
     from facts_damping_grids.psse.records import Row
 
 PLACES = ("BUSR", "BUSF", "BUST", "CKT")  # fields that say where a plant control measures
-SIGNALS = {*KNOWN, *MEASURED, *USUAL}
-_SIGNAL = re.compile(r"([A-Za-z_]\w*)\b(?!\s*\*)")  # not a factor
+SIGNALS = {*KNOWN, *MEASURED, *STAND_INS}
 AT_TERMINALS = "it sees the voltage of the inverter, not that at BUSR"
 ELSEWHERE = "it regulates the voltage at the bus of its branch, not at BUSR"
 
@@ -129,12 +127,10 @@ def _check_sorts(rows: dict[Dynamic, Row], unit: Unit, file: str, problems: Prob
 
 def _blocks(row: Row) -> list[tuple[str, set[str]]]:
     """Of the blocks that a row's constants ask for: the signal that each gives, and those that it uses."""
-    data, blocks = SimpleNamespace(**row), list[tuple[str, set[str]]]()
-    for block in MODELS[row["model"]].blocks:
-        if block.when is None or block.when(data):
-            used = {*_SIGNAL.findall(block.inputs), block.low_of, block.high_of, block.hold}
-            blocks.append((block.name, used))
-    return blocks
+    return [
+        (block.name, {*(term.signal for term in terms(block.inputs)), block.low_of, block.high_of, block.hold})
+        for block in active_blocks(SimpleNamespace(**row))
+    ]
 
 
 def _gives(row: Row) -> set[str]:

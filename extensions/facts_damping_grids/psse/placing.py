@@ -99,7 +99,7 @@ def placed(
 def _forms(row: Row) -> bool:
     """Whether an inverter forms the grid."""
     source = MODELS[row["model"]].source
-    return source is not None and source.forming
+    return source is not None and source.forms_a_grid
 
 
 def _named(place: _Place, buses: Mapping[int, Row]) -> Row:

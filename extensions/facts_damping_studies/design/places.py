@@ -11,7 +11,6 @@ for the analysis, so its own dynamics and its effect on the power flow are inclu
 
 from __future__ import annotations
 
-import re
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,11 +20,12 @@ from facts_damping.devices.base import AtInverter, AtMachine, AtUnit, Parallel, 
 from facts_damping.devices.table import KINDS, MODELS
 from facts_damping.errors import FactsDampingError, check_known, one_line
 from facts_damping.fields import usual_values
+from facts_damping.machine_controls.block_models import active_blocks
+from facts_damping.machine_controls.blocks import terms
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.pmus import Pmu, Signal
 from facts_damping.plant.build import build
 from facts_damping.plant.inverters.inverter import SETPOINTS
-from facts_damping.plant.machines.block_controls import active_blocks
 from facts_damping.small_signal import eigenmodes, linearisation
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def setpoints(system: System, inverter: str) -> list[str]:
     """The setpoints that an inverter's controls use."""
     rows: list[Any] = [row for row in system.inverters if row.name == inverter]
     rows += [row for row in system.inverter_controls if row.inverter == inverter and row.enabled]
-    used = {word for row in rows for block in active_blocks(row) for word in re.findall(r"\w+", block.inputs)}
+    used = {term.signal for row in rows for block in active_blocks(row) for term in terms(block.inputs)}
     return [name for name in SETPOINTS if name in used]
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union
 from pydantic import Field, create_model, model_validator
 
 from facts_damping.fields import Name, quantity
-from facts_damping.machine_controls.block_models import MODELS
+from facts_damping.machine_controls.block_models import MODELS, active_blocks
 from facts_damping.parameters.plant.machines import BlockModel, block_fields
 
 
@@ -32,7 +32,7 @@ class InverterModel(BlockModel):
     def forming(self) -> bool:
         """Whether it forms a grid, with an angle of its own."""
         source = MODELS[self.model].source
-        return source is not None and (source.forming or source.virtual)
+        return source is not None and source.forms_a_grid
 
     @model_validator(mode="after")
     def _scheduled(self) -> InverterModel:
@@ -55,7 +55,7 @@ class ControlModel(BlockModel):
     @property
     def signals(self) -> set[str]:
         """The signals that its blocks give."""
-        return {block.name for block in MODELS[self.model].blocks if block.when is None or block.when(self)}
+        return {block.name for block in active_blocks(self)}
 
     @model_validator(mode="after")
     def _measured(self) -> ControlModel:

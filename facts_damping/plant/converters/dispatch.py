@@ -45,7 +45,7 @@ def install(row: Any, device: Device, site: Site) -> Start:
     start = kind.start(device, site)
     row["kind"], row["offset"], row["states"] = CODES[device.kind], site.offset, len(kind.states)
     row["setpoint_max"], row["rate_max"] = device.setpoint_max, device.rate_max
-    row["machine"], row["inverter"], row["input"] = site.machine, site.inverter, site.input
+    row["machine"], row["inverter"] = site.machine, site.inverter
     row["dead_ns"], row["response_time"] = to_ns(device.dead_time), device.response_time
     row["lag"] = site.offset + len(kind.states)
     row[device.kind] = start.row

@@ -23,6 +23,8 @@ SETPOINTS = ("Pplant", "Qplant", "Vplant", "Paux", "Qaux", "Vaux")  # of a plant
 # Signals of an inverter's blocks, p.u. of its rating; the blocks' own signals follow.
 KNOWN = ("one", "none", "omega_0", "speed", "Pext", "Qext", *STARTS, *SETPOINTS)
 MEASURED = ("Vt", "Pe", "Qe", "Vd", "Vq", "Id", "Iq", "theta", "Vbus", "theta_bus", "Pbranch", "Qbranch", "Vcomp")
+# What stands for signals that no control may give.
+STAND_INS = {"Pref": "Pext", "Pm": "Pe0", "pitch": "pitch_start", "speed_reference": "one"}
 AT = len(KNOWN) + len(MEASURED)
 VT, PE, QE, VD, VQ, ID, IQ, THETA, VBUS, THETA_BUS, PBRANCH, QBRANCH, VCOMP = range(len(KNOWN), AT)
 

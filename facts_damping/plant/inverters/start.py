@@ -10,12 +10,13 @@ import numpy as np
 from facts_damping.elementary import magnitude, phase, rect
 from facts_damping.errors import InputError
 from facts_damping.machine_controls.block_models import MODELS
+from facts_damping.machine_controls.blocks import number
 from facts_damping.numerics.phasors import over, times
 from facts_damping.plant.converters.site import INVERTER as PORT_OF_INVERTER
 from facts_damping.plant.grid import network
 from facts_damping.plant.grid.reduction import Place
-from facts_damping.plant.inverters.inverter import CURRENT, INVERTER, KNOWN, MEASURED, SETPOINTS, VOLTAGE
-from facts_damping.plant.machines.block_controls import Control, Signals, control
+from facts_damping.plant.inverters.inverter import CURRENT, INVERTER, KNOWN, MEASURED, SETPOINTS, STAND_INS, VOLTAGE
+from facts_damping.plant.machines.block_controls import Control, Signals, control, used_signals, with_states_from
 from facts_damping.plant.machines.block_rest import LimitViolation, at_rest
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.grid.power_flow import PowerFlow
     from facts_damping.plant.tables import Ports, States
 
-SIGNALS = Signals(KNOWN, MEASURED)
+SIGNALS = Signals(KNOWN, MEASURED, STAND_INS)
 REFERENCES = ("Pext", "Qext")
 
 
@@ -63,9 +64,10 @@ def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Po
             n, meter = plant_meters[inverter.name]
             row["bus"], row["branch"] = n, n if meter.branches else -1
             sensed |= _at_plant(row, meter, flow, branches, current)
-        sensed |= {f"{name}0": sensed[name] for name in ("Vt", "Pe", "Qe", "Vbus", "Vcomp", "Pbranch", "Qbranch")}
+        sensed |= {f"{name}0": sensed[name] for name in MEASURED if f"{name}0" in KNOWN}
         assembled = control(data, *controls, signals=SIGNALS)
-        references = [name for name in REFERENCES if name not in assembled.gives and _uses(assembled, name)]
+        used = used_signals(assembled.rows)
+        references = [name for name in REFERENCES if name not in assembled.gives and KNOWN.index(name) in used]
         try:
             rest = at_rest(assembled, [data, *controls], sensed, wanted, references, SIGNALS)
         except InputError as error:
@@ -74,7 +76,7 @@ def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Po
         started.violations.extend(rest.violations)
         row["sensed"] = rest.signals[: len(KNOWN)]
         _place(row, assembled, MODELS[inverter.model].source, first + sum(map(len, started.blocks)))
-        started.blocks.append(_moved(assembled, states.offset))
+        started.blocks.append(with_states_from(assembled, states.offset))
         started.sources.append(complex(row["ratio"] * (current + times(row["admittance"], voltage))))
         states.add(inverter.name, assembled.states, rest.states)
         place = Place(inverter.bus, inverter=inverter.name, admittance=complex(row["admittance"] * row["ratio"]))
@@ -92,7 +94,7 @@ def _terminals(
     source = MODELS[data.model].source
     if source is None:
         raise InputError(f"inverters: {data.name}.model: {data.model} given, without a source; allowed: with one")
-    constants = [_constant(value, data) for value in source.constants]
+    constants = [number(value, data) for value in source.constants]
     row["source"] = CURRENT if source.kind == "current" else VOLTAGE
     size, angle, emf = magnitude(voltage), phase(voltage), 0j
     names = [source.real, source.imag]
@@ -123,12 +125,6 @@ def _terminals(
     sensed = {"Vt": size, "Pe": power.real, "Qe": power.imag, "Vd": v.real, "Vq": v.imag, "Id": i.real, "Iq": i.imag}
     sensed |= {"E0": magnitude(emf), "theta": phase(voltage), "theta_bus": phase(voltage), "Vbus": size}
     return sensed | {"Pbranch": power.real, "Qbranch": power.imag}, wanted
-
-
-def _constant(value: Any, data: Any) -> float:
-    if isinstance(value, str):
-        return float(getattr(data, value))
-    return float(value(data) if callable(value) else value)
 
 
 def _beyond(data: Inverter, constant: int, name: str, value: float, low: float, high: float) -> LimitViolation:
@@ -168,32 +164,19 @@ def _branch_current(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str,
     return complex(sum(times(branch.admittance[end], np.array(ends)))) / float(row["ratio"])
 
 
-def _uses(assembled: Control, name: str) -> bool:
-    """Whether any block has a signal as its input."""
-    at = [*KNOWN, *MEASURED].index(name)
-    return any(at in row["source"][: row["inputs"]] for row in assembled.rows)
-
-
 def _place(row: Any, assembled: Control, source: Source | None, first: int) -> None:
     """Write where an inverter's rows stand, and which of its signals are its source."""
     at = {name: n for n, name in enumerate([*KNOWN, *MEASURED, *assembled.gives])}
     row["first"], row["known"], row["end"] = first, first + assembled.first, first + len(assembled.rows)
     if source is not None:
         row["real"], row["imag"] = at[source.real], at[source.imag]
-        row["angle"], row["forming"] = at[source.angle] if source.angle else -1, source.forming or source.virtual
-
-
-def _moved(assembled: Control, offset: int) -> NDArray[Any]:
-    """The rows with their states from an offset on."""
-    rows: NDArray[Any] = assembled.rows.copy()
-    rows["state"][rows["state"] >= 0] += offset
-    return rows
+        row["angle"], row["forming"] = at[source.angle] if source.angle else -1, source.forms_a_grid
 
 
 def input_signal(row: Any, blocks: NDArray[Any], device: Any) -> int:
     """The signal that a device's setpoint is added to. Raises `InputError` if the inverter's controls do not use it."""
     at = {name: KNOWN.index(name) for name in SETPOINTS}
-    used = {int(n) for block in blocks[row["first"] : row["end"]] for n in block["source"][: block["inputs"]]}
+    used = used_signals(blocks[row["first"] : row["end"]])
     if at[device.input] not in used:
         allowed = ", ".join(name for name, n in at.items() if n in used) or "none"
         raise InputError(

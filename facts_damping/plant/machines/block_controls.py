@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from facts_damping.elementary import rect
 from facts_damping.errors import InputError
-from facts_damping.machine_controls.block_models import INPUTS, MODELS
-from facts_damping.machine_controls.blocks import SHORTEST, Block
+from facts_damping.machine_controls.block_models import INPUTS, MODELS, active_blocks
+from facts_damping.machine_controls.blocks import SHORTEST, Block, number, terms
 from facts_damping.plant.machines import blocks as kernel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
 GIVES = {"governor": "Pm", "stabiliser": "Vs", "exciter": "Efd"}
-# Signals of an inverter that no control gives, and what stands for them.
-USUAL = {"Pref": "Pext", "Pm": "Pe0", "pitch": "pitch_start", "speed_reference": "one"}
 # Kinds with direct feedthrough.
 FEEDTHROUGH = {"sum", "lead_lag", "washout", "rate", "second_order", "product", "source", "rectifier", "curve", "after"}
 FILTER_ORDER = 20  # of a ramp-tracking filter, of which the library allows 8
@@ -38,10 +35,14 @@ class Control(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """What the blocks of a control may use: signals that are always known, and those that are measured."""
+    """What the blocks of a control may use: signals that are always known, and those that are measured.
+
+    `stand_ins`: signals that no control may give, and what then stands for them.
+    """
 
     known: Sequence[str]
     measured: Sequence[str] = ()
+    stand_ins: Mapping[str, str] = {}
 
 
 MACHINE = Signals(kernel.SENSED)
@@ -50,11 +51,6 @@ MACHINE = Signals(kernel.SENSED)
 def owner(data: Any) -> str:
     """The name of the machine or inverter whose control it is."""
     return str(getattr(data, "machine", None) or getattr(data, "inverter", None) or data.name)
-
-
-def active_blocks(data: Any) -> list[Block]:
-    """The blocks of a model that its fields ask for."""
-    return [block for block in MODELS[data.model].blocks if block.when is None or block.when(data)]
 
 
 def control(*models: Any, signals: Signals = MACHINE) -> Control:
@@ -74,7 +70,7 @@ def control(*models: Any, signals: Signals = MACHINE) -> Control:
     if doubled := sorted({name for name in named if named.count(name) > 1}):
         text = f"two signals {', '.join(doubled)} given; allowed: one control of each sort"
         raise InputError(f"{' and '.join(data.model for data in models)} of {owner(models[0])}: {text}")
-    rename = {name: other for name, other in USUAL.items() if "Pext" in signals.known and name not in named}
+    rename = {name: other for name, other in signals.stand_ins.items() if name not in named}
     blocks = [b._replace(inputs=[(rename.get(name, name), weight) for name, weight in b.inputs]) for b in blocks]
     label = f"{models[0].model} of {owner(models[0])}"
     used = {name for b in blocks for name in (*dict(b.inputs), b.low_of, b.high_of, b.hold)}
@@ -95,6 +91,18 @@ def control(*models: Any, signals: Signals = MACHINE) -> Control:
     for row, block in zip(rows, blocks, strict=True):
         _fill(row, block, at, states)
     return Control(rows, [block.name for block in blocks], states, len(first))
+
+
+def with_states_from(assembled: Control, offset: int) -> NDArray[Any]:
+    """The rows of a control whose states begin at an index of the plant's."""
+    rows: NDArray[Any] = assembled.rows.copy()
+    rows["state"][rows["state"] >= 0] += offset
+    return rows
+
+
+def used_signals(rows: NDArray[Any]) -> set[int]:
+    """The signals that rows have as inputs."""
+    return {int(n) for row in rows for n in row["source"][: row["inputs"]]}
 
 
 def _fill(row: Any, block: _Plain, at: dict[str, int], states: list[str]) -> None:
@@ -137,16 +145,9 @@ class _Plain(NamedTuple):
     hold: str
 
 
-def _number(constant: Any, data: Any) -> float:
-    """A constant of a block: a number, a parameter, or a value derived from parameters."""
-    if isinstance(constant, str):
-        return float(getattr(data, constant))
-    return float(constant(data) if callable(constant) else constant)
-
-
 def _plain(block: Block, data: Any) -> _Plain:
     """The block in the kernel's numbers; a block with zero time constant has no state."""
-    kind, inputs, c = block.kind, block.inputs, [_number(constant, data) for constant in block.constants]
+    kind, inputs, c = block.kind, block.inputs, [number(constant, data) for constant in block.constants]
     p: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
     states = 0
     if kind == "lag":
@@ -199,7 +200,7 @@ def _plain(block: Block, data: Any) -> _Plain:
         p, states = (c[0], SHORTEST), int(c[0] > 0.0)
     elif kind == "angle_lag":
         p, states = (max(c[0], SHORTEST),), 1
-    low, high = (None if limit is None else _number(limit, data) for limit in (block.low, block.high))
+    low, high = (None if limit is None else number(limit, data) for limit in (block.low, block.high))
     weighted = _inputs(inputs, data)
     return _Plain(block.name, kind, weighted, p, states, low, high, block.low_of, block.high_of, block.hold)
 
@@ -227,7 +228,7 @@ def _spread(blocks: Sequence[Block], data: Any) -> list[Block]:
         if block.kind != "ramp_tracking":
             simple.append(block)
             continue
-        lead, lag, maximum, times = (_number(constant, data) for constant in block.constants)
+        lead, lag, maximum, times = (number(constant, data) for constant in block.constants)
         if maximum * times > FILTER_ORDER:
             text = f"M N = {maximum * times:g} given; allowed: at most {FILTER_ORDER}"
             raise InputError(f"{data.model} of {owner(data)}: {text}")
@@ -245,13 +246,13 @@ def _spread(blocks: Sequence[Block], data: Any) -> list[Block]:
 def _inputs(text: str, data: Any) -> list[tuple[str, float]]:
     """Signals and weights of an expression such as "Vref - K1 * VT"."""
     weighted = []
-    for sign, factor, name in re.findall(r"([+-]?)\s*(?:(\w+)\s*\*\s*)?(\w+)", text):
+    for sign, factor, name in terms(text):
         weight, signal = 1.0, name
         if name in ("input", "input_2"):
             signal = _sensed(data, "IC", 1) if name == "input" else _sensed(data, "IC2", 0)
         if factor:
             derived = MODELS[data.model].factors
-            weight = derived[factor](data) if factor in derived else _number(factor, data)
+            weight = derived[factor](data) if factor in derived else number(factor, data)
         weighted.append((signal, -weight if sign == "-" else weight))
     return weighted
 

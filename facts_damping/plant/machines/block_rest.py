@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import InputError
-from facts_damping.machine_controls.block_models import MODELS
+from facts_damping.machine_controls.block_models import MODELS, active_blocks
 from facts_damping.machine_controls.blocks import TABLES
 from facts_damping.numerics.matrices import least_squares
 from facts_damping.plant.machines import blocks as kernel
-from facts_damping.plant.machines.block_controls import MACHINE, Control, Signals, active_blocks, owner
+from facts_damping.plant.machines.block_controls import MACHINE, Control, Signals, owner
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
