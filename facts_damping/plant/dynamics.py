@@ -13,7 +13,7 @@ from facts_damping.elementary import magnitude, power, sin_cos
 from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.grid import load
-from facts_damping.plant.inverter_sources import begin, prepare
+from facts_damping.plant.inverter_sources import begin, move, outputs, prepare
 from facts_damping.plant.inverters import inverter
 from facts_damping.plant.machines import blocks, excitation, governor, stabiliser
 from facts_damping.plant.machines.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VC, VD, VQ, VREF, VS, VT
@@ -156,13 +156,16 @@ def derivatives(
         else:
             _circuits(m, x, m.circuits, at, efd, dx)
     for i in range(plant.inverters.size):
-        _move_inverter(plant, x, source, interval, i, dx, work)
+        _sense_inverter(plant, source, interval, i, work)
+    if plant.inverters.size > 0:
+        outputs(plant, x, True, work)
+        move(plant, x, dx, work)
     _port_derivatives(plant, x, reference, dx, work)
 
 
 @entry_point
-def _move_inverter(plant: Plant, x: Float1, source: Complex1, interval: int, i: int, dx: Float1, work: Work) -> None:
-    """Write what inverter i measures into its signals, and the derivatives of its states, 1/s."""
+def _sense_inverter(plant: Plant, source: Complex1, interval: int, i: int, work: Work) -> None:
+    """Write what inverter i measures into its signals."""
     v, s = plant.inverters[i], work.inverter_signals[i]
     voltage = work.response[v.port]
     flowing = inverter.current(v, source[v.port], voltage) * plant.online[interval, plant.machines.size + i]
@@ -172,8 +175,6 @@ def _move_inverter(plant: Plant, x: Float1, source: Complex1, interval: int, i: 
         if v.branch >= 0:
             flowing = row_times(plant, interval, v.branch, work.inputs, work) / v.ratio
         inverter.sense_plant(v, bus, flowing, s)
-    blocks.outputs(plant.blocks, v.known, v.end, inverter.AT + v.known - v.first, x, s)
-    blocks.derivatives(plant.blocks, v.first, v.end, x, s, dx)
 
 
 @entry_point

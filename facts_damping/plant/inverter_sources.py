@@ -17,10 +17,41 @@ if TYPE_CHECKING:
 
 @compiled
 def begin(plant: Plant, work: Work) -> None:
-    """Write what does not change with time into the inverters' signals, setpoints as 0."""
+    """Write the setpoints of all inverters as 0; what does not change is in the signals since the start."""
     for i in range(plant.inverters.size):
-        for k in range(len(inverter.KNOWN)):
-            work.inverter_signals[i, k] = plant.inverters[i].sensed[k]
+        for k in range(inverter.FIRST_SETPOINT, len(inverter.KNOWN)):
+            work.inverter_signals[i, k] = 0.0
+
+
+@compiled
+def outputs(plant: Plant, x: Float1, after: bool, work: Work) -> None:
+    """Write the signals of all inverters that follow from states or, `after` the network is solved, the others.
+
+    Row by row for inverters that are alike: each signal waits for those before it, but not for those of its neighbours.
+    """
+    first = 0
+    while first < plant.inverters.size:
+        v = plant.inverters[first]
+        begin, end = (v.known - v.first, v.end - v.first) if after else (0, v.known - v.first)
+        for k in range(begin, end):
+            for i in range(first, first + v.alike):
+                s = work.inverter_signals[i]
+                s[inverter.AT + k] = blocks.output(plant.blocks[plant.inverters[i].first + k], x, s)
+        first += v.alike
+
+
+@compiled
+def move(plant: Plant, x: Float1, dx: Float1, work: Work) -> None:
+    """Write the derivatives of the states of all inverters, 1/s, from their signals."""
+    first = 0
+    while first < plant.inverters.size:
+        v = plant.inverters[first]
+        for k in range(v.end - v.first):
+            if plant.blocks[v.first + k].state >= 0:
+                for i in range(first, first + v.alike):
+                    row = plant.blocks[plant.inverters[i].first + k]
+                    blocks.move(row, x, work.inverter_signals[i], dx)
+        first += v.alike
 
 
 @compiled
@@ -29,9 +60,9 @@ def prepare(plant: Plant, x: Float1, work: Work) -> None:
 
     The setpoints of devices are in `work.inverter_signals` already.
     """
+    outputs(plant, x, False, work)
     for i in range(plant.inverters.size):
         v, s = plant.inverters[i], work.inverter_signals[i]
-        blocks.outputs(plant.blocks, v.first, v.known, inverter.AT, x, s)
         work.inverter_source[i] = complex(s[v.real], s[v.imag])
         if v.angle >= 0:
             sine, cosine = sin_cos(s[v.angle])

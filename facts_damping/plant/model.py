@@ -27,7 +27,7 @@ from facts_damping.plant.converters.site import PORT
 from facts_damping.plant.events import OSCILLATION
 from facts_damping.plant.grid.load import LOAD
 from facts_damping.plant.grid.sparse_network import SparseNetwork
-from facts_damping.plant.inverters.inverter import AT, INVERTER
+from facts_damping.plant.inverters.inverter import AT, INVERTER, KNOWN
 from facts_damping.plant.machines.blocks import BLOCK, CONTROLS, SENSED
 from facts_damping.plant.machines.excitation import EXCITER
 from facts_damping.plant.machines.governor import GOVERNOR
@@ -132,6 +132,9 @@ def workspace(plant: Plant, state: PlantState) -> Work:
     """Arrays of the right size for `plant`."""
     machines, ports = len(plant.machines), len(plant.ports)
     inputs = machines + len(plant.infinite) + ports
+    most_rows = int((plant.inverters["end"] - plant.inverters["first"]).max(initial=0))
+    signals = np.zeros((len(plant.inverters), AT + most_rows))
+    signals[:, : len(KNOWN)] = plant.inverters["sensed"]
     return Work(
         np.zeros((4, len(state.x))),
         np.zeros(len(state.x)),
@@ -161,7 +164,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(machines),
         np.zeros(len(SENSED) + len(plant.blocks)),
         np.zeros(machines),
-        np.zeros((len(plant.inverters), AT + int((plant.inverters["end"] - plant.inverters["first"]).max(initial=0)))),
+        signals,
         np.zeros(len(plant.inverters), np.complex128),
         np.zeros(len(plant.inverters), np.complex128),
     )

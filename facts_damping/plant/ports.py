@@ -28,6 +28,7 @@ SMALLEST_FRACTION = 1e-3  # smallest fraction of a Newton step
 MANY = 4  # ports, from which on it pays to solve port by port
 # Starts of Newton's method, in their order (`solve_ports`); then there are no more.
 LAST_SOLUTION, NO_SOURCES, LOADS_LOW, BLOCKED, BLOCKED_LOADS_LOW, NO_MORE = range(6)
+NEAR = 1e-3  # p.u., of an inverter's source; further away it is solved in closed form
 LAST_CHANGE = 1e-9  # relative; the remaining error is of the order of its square
 
 
@@ -179,7 +180,7 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     A port is coupled most to itself, so that a round reduces the error some tenfold; it costs little more than the
     mismatch. It is given up when the mismatch no longer falls to half; of a large grid with inverters, which are more
     coupled, when it no longer falls. Of a large grid the mismatch after the last step is expected to fall once more as
-    it fell before. Inverters are solved in closed form, and blocked if they cannot be.
+    it fell before. Inverters that are not `NEAR` are solved in closed form, and blocked if they cannot be.
     """
     before, large = math.inf, len(plant.sparse_networks) > 0
     tolerance, falls = LARGE_TOLERANCE if large else TOLERANCE, 1.0 if large and plant.inverters.size > 0 else 0.25
@@ -194,7 +195,7 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
             square = rest.real * rest.real + rest.imag * rest.imag
             size = source[p].real * source[p].real + source[p].imag * source[p].imag
             right = square <= tolerance * tolerance * (1.0 + size)
-            if plant.ports[p].kind != INVERTER or work.blocked[p] or right:
+            if plant.ports[p].kind != INVERTER or work.blocked[p] or square < NEAR * NEAR:
                 step = _own_step(h, work.slope[p], rest)
             else:
                 step = settled(plant, interval, h, source[p], p, work) - source[p]

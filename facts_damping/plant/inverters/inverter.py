@@ -26,6 +26,7 @@ MEASURED = ("Vt", "Pe", "Qe", "Vd", "Vq", "Id", "Iq", "theta", "Vbus", "theta_bu
 # What stands for signals that no control may give.
 STAND_INS = {"Pref": "Pext", "Pm": "Pe0", "pitch": "pitch_start", "speed_reference": "one"}
 AT = len(KNOWN) + len(MEASURED)
+FIRST_SETPOINT = len(KNOWN) - len(SETPOINTS)
 VT, PE, QE, VD, VQ, ID, IQ, THETA, VBUS, THETA_BUS, PBRANCH, QBRANCH, VCOMP = range(len(KNOWN), AT)
 
 CURRENT, VOLTAGE = 0, 1  # sorts of sources
@@ -37,11 +38,14 @@ INVERTER = np.dtype(
         ("first", "i8"),  # of its rows in `plant.blocks`
         ("known", "i8"),  # end of those that follow from states
         ("end", "i8"),
+        ("alike", "i8"),  # inverters from this one on with rows of the same kinds, that are evaluated side by side
         ("source", "i8"),  # CURRENT or VOLTAGE
         ("real", "i8"),  # signals that are its source; angle: -1 for that of the voltage
         ("imag", "i8"),
         ("angle", "i8"),
         ("forming", "i8"),  # 1: it forms a grid, with a direction of its own
+        ("turning", "i8"),  # 1: its rows use the angle of a voltage; compensated: 1: they use Vcomp
+        ("compensated", "i8"),
         ("bus", "i8"),  # rows of the network that are the regulated bus and the monitored branch; -1: its terminals
         ("branch", "i8"),
         ("ratio", "f8"),  # rating over system base
@@ -117,11 +121,13 @@ def sense(v: Any, turn: complex, voltage: complex, flowing: complex, s: Float1) 
     power = voltage * flowing.conjugate()
     own_voltage, own_current = voltage * turn.conjugate(), flowing * turn.conjugate()
     s[VT] = s[VBUS] = size
-    s[VCOMP] = magnitude(voltage - v.compensation * flowing)
     s[PE], s[QE] = power.real, power.imag
     s[PBRANCH], s[QBRANCH] = power.real, power.imag
     s[VD], s[VQ], s[ID], s[IQ] = own_voltage.real, own_voltage.imag, own_current.real, own_current.imag
-    s[THETA] = s[THETA_BUS] = atan2(voltage.imag, voltage.real)
+    if v.turning == 1:
+        s[THETA] = s[THETA_BUS] = atan2(voltage.imag, voltage.real)
+    if v.compensated == 1:
+        s[VCOMP] = magnitude(voltage - v.compensation * flowing)
 
 
 @compiled
@@ -130,5 +136,8 @@ def sense_plant(v: Any, bus: complex, flowing: complex, s: Float1) -> None:
     if v.branch >= 0:
         power = bus * flowing.conjugate()
         s[PBRANCH], s[QBRANCH] = power.real, power.imag
-    s[VBUS], s[THETA_BUS] = magnitude(bus), atan2(bus.imag, bus.real)
-    s[VCOMP] = magnitude(bus - v.compensation * flowing)
+    s[VBUS] = magnitude(bus)
+    if v.turning == 1:
+        s[THETA_BUS] = atan2(bus.imag, bus.real)
+    if v.compensated == 1:
+        s[VCOMP] = magnitude(bus - v.compensation * flowing)

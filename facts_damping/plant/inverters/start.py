@@ -15,13 +15,26 @@ from facts_damping.numerics.phasors import over, times
 from facts_damping.plant.converters.site import INVERTER as PORT_OF_INVERTER
 from facts_damping.plant.grid import network
 from facts_damping.plant.grid.reduction import Place
-from facts_damping.plant.inverters.inverter import CURRENT, INVERTER, KNOWN, MEASURED, SETPOINTS, STAND_INS, VOLTAGE
+from facts_damping.plant.inverters.inverter import (
+    CURRENT,
+    INVERTER,
+    KNOWN,
+    MEASURED,
+    SETPOINTS,
+    STAND_INS,
+    THETA,
+    THETA_BUS,
+    VCOMP,
+    VOLTAGE,
+)
 from facts_damping.plant.machines.block_controls import Control, Signals, control, used_signals, with_states_from
+from facts_damping.plant.machines.block_folding import folded
 from facts_damping.plant.machines.block_rest import LimitViolation, at_rest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1
     from facts_damping.machine_controls.blocks import Source
     from facts_damping.parameters.plant.inverters import Inverter, Meter
     from facts_damping.parameters.plant.system import System
@@ -75,13 +88,24 @@ def inverters_at_rest(system: System, flow: PowerFlow, states: States, ports: Po
             continue
         started.violations.extend(rest.violations)
         row["sensed"] = rest.signals[: len(KNOWN)]
-        _place(row, assembled, MODELS[inverter.model].source, first + sum(map(len, started.blocks)))
+        assembled = _place(row, assembled, rest.signals, data, first + sum(map(len, started.blocks)))
         started.blocks.append(with_states_from(assembled, states.offset))
         started.sources.append(complex(row["ratio"] * (current + times(row["admittance"], voltage))))
         states.add(inverter.name, assembled.states, rest.states)
         place = Place(inverter.bus, inverter=inverter.name, admittance=complex(row["admittance"] * row["ratio"]))
         row["port"] = ports.add(PORT_OF_INVERTER, i, place)
+    _count_alike(started)
     return started
+
+
+def _count_alike(inverters: Inverters) -> None:
+    """Write how many inverters, from each one on, have the same kinds of blocks in the same order."""
+    known = inverters.rows["known"] - inverters.rows["first"]
+    kinds = [(b["kind"].tolist(), (b["state"] < 0).tolist(), n) for b, n in zip(inverters.blocks, known, strict=False)]
+    for i in reversed(range(len(kinds))):
+        inverters.rows[i]["alike"] = 1
+        if kinds[i : i + 1] == kinds[i + 1 : i + 2]:
+            inverters.rows[i]["alike"] += inverters.rows[i + 1]["alike"]
 
 
 def _terminals(
@@ -91,9 +115,7 @@ def _terminals(
 
     Writes the constants of its source into the row, and the limits of it that exclude the start into `violations`.
     """
-    source = MODELS[data.model].source
-    if source is None:
-        raise InputError(f"inverters: {data.name}.model: {data.model} given, without a source; allowed: with one")
+    source = _source(data)
     constants = [number(value, data) for value in source.constants]
     row["source"] = CURRENT if source.kind == "current" else VOLTAGE
     size, angle, emf = magnitude(voltage), phase(voltage), 0j
@@ -127,10 +149,17 @@ def _terminals(
     return sensed | {"Pbranch": power.real, "Qbranch": power.imag}, wanted
 
 
+def _source(data: Inverter) -> Source:
+    """How the model of an inverter feeds the network."""
+    source = MODELS[data.model].source
+    if source is None:
+        raise InputError(f"inverters: {data.name}.model: {data.model} given, without a source; allowed: with one")
+    return source
+
+
 def _beyond(data: Inverter, constant: int, name: str, value: float, low: float, high: float) -> LimitViolation:
     """A limit of the source that excludes the start; `constant`: which of its constants that is."""
-    source = MODELS[data.model].source
-    field = source.constants[constant] if source is not None else None
+    field = _source(data).constants[constant]
     return LimitViolation(data, name, value, low, high, field if isinstance(field, str) else None, value)
 
 
@@ -164,13 +193,20 @@ def _branch_current(row: Any, meter: Meter, flow: PowerFlow, branches: dict[str,
     return complex(sum(times(branch.admittance[end], np.array(ends)))) / float(row["ratio"])
 
 
-def _place(row: Any, assembled: Control, source: Source | None, first: int) -> None:
-    """Write where an inverter's rows stand, and which of its signals are its source."""
-    at = {name: n for n, name in enumerate([*KNOWN, *MEASURED, *assembled.gives])}
-    row["first"], row["known"], row["end"] = first, first + assembled.first, first + len(assembled.rows)
-    if source is not None:
-        row["real"], row["imag"] = at[source.real], at[source.imag]
-        row["angle"], row["forming"] = at[source.angle] if source.angle else -1, source.forms_a_grid
+def _place(row: Any, assembled: Control, signals: Float1, data: Inverter, first: int) -> Control:
+    """Write where an inverter's rows stand, and which of its signals are its source; returns the rows that it needs."""
+    at, source = {name: n for n, name in enumerate([*KNOWN, *MEASURED, *assembled.gives])}, _source(data)
+    constant = [n for n, name in enumerate(KNOWN) if name not in SETPOINTS]
+    asked = [at[name] for name in (source.real, source.imag, source.angle or "none")]
+    needed, numbers = folded(assembled, signals, constant, asked)
+    row["first"], row["known"], row["end"] = first, first + needed.first, first + len(needed.rows)
+    row["real"], row["imag"], row["angle"] = numbers
+    row["forming"] = source.forms_a_grid
+    used = used_signals(needed.rows)
+    row["turning"], row["compensated"] = bool(used & {THETA, THETA_BUS}), VCOMP in used
+    if not source.angle:
+        row["angle"] = -1
+    return needed
 
 
 def input_signal(row: Any, blocks: NDArray[Any], device: Any) -> int:

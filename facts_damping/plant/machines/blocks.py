@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling import compiled, entry_point, inlined
 from facts_damping.compiling.structs import Array, Float1
 from facts_damping.elementary import cos, exp, magnitude, sin
 from facts_damping.machine_controls.blocks import SHORTEST
@@ -144,14 +144,12 @@ def _of_inverters(b: Any, u: float, x: Float1, s: Float1) -> float:
         return sin(u)  # type: ignore[no-any-return]
     if b.kind == COSINE:
         return cos(u)  # type: ignore[no-any-return]
-    if b.kind == AFTER:
-        return 1.0 if u > 0.5 or (b.state >= 0 and x[b.state] > OVER) else 0.0
-    return _limited(b, x[b.state], s)
+    return 1.0 if u > 0.5 or (b.state >= 0 and x[b.state] > OVER) else 0.0  # after
 
 
-@compiled
-def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: Float1) -> None:
-    """Write the signals of rows `first` to `end` into `s`, from index `at` on, for states `x`.
+@inlined
+def output(b: Any, x: Float1, s: Float1) -> float:
+    """The signal of a row for states `x` and signals `s`.
 
     lag, servo, field, exponential, integral: x within its limits; lead_lag: K (x + T1/T2 (u - x)); washout, rate:
     K (u - x), K/T (u - x); second_order: numerator over denominator in the companion form; product of two; source:
@@ -162,47 +160,50 @@ def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: F
     1 while u is 1 and for a time after it; angle_lag: x, an angle in rad that never jumps; magnitude of the vector of
     two; sine, cosine of u in rad; stop: x.
     """
+    if b.state >= 0 and b.kind in (LAG, SERVO, FIELD, INTEGRAL, EXPONENTIAL, RELAY, ANGLE_LAG, STOP):
+        return _limited(b, x[b.state], s)  # within a step the state may exceed its limit
+    u = _total(b, s)
+    if b.kind == PRODUCT:
+        return s[b.source[0]] * s[b.source[1]]  # type: ignore[no-any-return]
+    if b.kind == SOURCE:
+        voltage, current = complex(s[b.source[0]], s[b.source[1]]), complex(s[b.source[2]], s[b.source[3]])
+        return magnitude(complex(b.p[0], b.p[1]) * voltage + complex(b.p[2], b.p[3]) * current)
+    if b.kind == RECTIFIER:
+        return _rectified(s[b.source[0]], b.p[0] * s[b.source[1]])
+    if b.kind == WINDOW:
+        passed = 1 if b.p[0] <= s[b.source[0]] <= b.p[1] else 2
+        return b.weight[passed] * s[b.source[passed]]  # type: ignore[no-any-return]
+    if b.kind == SATURATION:
+        beyond = max(0.0, u - b.p[1])
+        return b.p[0] * u + b.p[2] * beyond * beyond  # type: ignore[no-any-return]
+    if b.kind == QUOTIENT:
+        return _limited(b, s[b.source[0]] / s[b.source[1]], s)
+    if b.kind == CURVE:
+        return _on_curve(b, u)
+    if b.kind >= DEAD_BAND:
+        return _of_inverters(b, u, x, s)
+    if b.state < 0:
+        return _limited(b, b.p[0] * u, s)
+    if b.kind == LEAD_LAG:
+        state = x[b.state]
+        return _limited(b, b.p[0] * (state + b.p[1] * (u - state)), s)
+    if b.kind == PI:
+        return _limited(b, b.p[0] * u + x[b.state], s)
+    if b.kind in (WASHOUT, RATE):
+        return b.p[0] * (u - x[b.state])  # type: ignore[no-any-return]
+    if b.kind == SECOND_ORDER:
+        return x[b.state] + b.p[0] * x[b.state + 1] + b.p[1] * _acceleration(b, u, x)  # type: ignore[no-any-return]
+    y = 0.0  # of a dead time
+    for i in range(int(b.p[1])):
+        y += x[b.state + i]
+    return y
+
+
+@compiled
+def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: Float1) -> None:
+    """Write the signals of rows `first` to `end` into `s`, from index `at` on, for states `x`."""
     for k in range(first, end):
-        b = blocks[k]
-        u = _total(b, s)
-        y = u
-        if b.kind == PRODUCT:
-            y = s[b.source[0]] * s[b.source[1]]
-        elif b.kind == SOURCE:
-            voltage, current = complex(s[b.source[0]], s[b.source[1]]), complex(s[b.source[2]], s[b.source[3]])
-            y = magnitude(complex(b.p[0], b.p[1]) * voltage + complex(b.p[2], b.p[3]) * current)
-        elif b.kind == RECTIFIER:
-            y = _rectified(s[b.source[0]], b.p[0] * s[b.source[1]])
-        elif b.kind == WINDOW:
-            passed = 1 if b.p[0] <= s[b.source[0]] <= b.p[1] else 2
-            y = b.weight[passed] * s[b.source[passed]]
-        elif b.kind == SATURATION:
-            beyond = max(0.0, u - b.p[1])
-            y = b.p[0] * u + b.p[2] * beyond * beyond
-        elif b.kind == QUOTIENT:
-            y = _limited(b, s[b.source[0]] / s[b.source[1]], s)
-        elif b.kind == CURVE:
-            y = _on_curve(b, u)
-        elif b.kind >= DEAD_BAND:
-            y = _of_inverters(b, u, x, s)
-        elif b.state < 0:
-            y = _limited(b, b.p[0] * u, s)
-        elif b.kind == LEAD_LAG:
-            state = x[b.state]
-            y = _limited(b, b.p[0] * (state + b.p[1] * (u - state)), s)
-        elif b.kind == PI:
-            y = _limited(b, b.p[0] * u + x[b.state], s)
-        elif b.kind in (WASHOUT, RATE):
-            y = b.p[0] * (u - x[b.state])
-        elif b.kind == SECOND_ORDER:
-            y = x[b.state] + b.p[0] * x[b.state + 1] + b.p[1] * _acceleration(b, u, x)
-        elif b.kind == DEAD_TIME:
-            y = 0.0
-            for i in range(int(b.p[1])):
-                y += x[b.state + i]
-        else:
-            y = _limited(b, x[b.state], s)  # within a step the state may exceed its limit
-        s[at + k - first] = y
+        s[at + k - first] = output(blocks[k], x, s)
 
 
 @compiled
@@ -229,9 +230,9 @@ def _move_past(b: Any, u: float, x: Float1, dx: Float1) -> None:
         sign = -sign
 
 
-@compiled
-def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1, dx: Float1) -> None:
-    """Write the derivatives of the states of rows `first` to `end`, 1/s, for the signals from `outputs`.
+@inlined
+def move(b: Any, x: Float1, s: Float1, dx: Float1) -> None:
+    """Write the derivatives of the states of a row, 1/s, for the signals from `outputs`.
 
     lag: T dx = K u - x; lead_lag, washout, rate: T dx = u - x; servo: dx = clip((u - x) / T, rates); field:
     TE dx = u - KE x - SE(x) x; exponential: the same with SE(x) = A exp(B x); integral: dx = K u. States of lag, servo
@@ -240,48 +241,52 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
     is 1, then falls to `OVER` in T s, and is over; angle_lag: T dx = u - x without whole turns; stop: dx = K u, but no
     faster than to its limits within `SHORTEST`, at one of which it rests. What is held stands still.
     """
+    u, state = _total(b, s), x[b.state]
+    if b.kind == LAG:
+        slope = (b.p[0] * u - state) / b.p[1]
+    elif b.kind == SERVO:
+        slope = min(max((u - state) / b.p[0], b.p[1]), b.p[2])
+    elif b.kind == FIELD:
+        beyond = max(0.0, state - b.p[2])
+        slope = (u - b.p[0] * state - b.p[3] * beyond * beyond) / b.p[1]
+    elif b.kind == EXPONENTIAL:
+        slope = (u - (b.p[0] + b.p[2] * exp(b.p[3] * state)) * state) / b.p[1]
+    elif b.kind == INTEGRAL:
+        slope = b.p[0] * u
+    elif b.kind == PI:
+        slope = b.p[1] * u
+    elif b.kind == RELAY:
+        on = u >= b.p[1] or (u > b.p[0] and state > 0.5)
+        slope = ((1.0 if on else 0.0) - state) / b.p[2]
+    elif b.kind == DEAD_TIME:
+        _move_past(b, u, x, dx)
+        return
+    elif b.kind == AFTER:
+        slope = (1.0 - state) / b.p[1] if u > 0.5 else (-1.0 / b.p[0] if state > OVER else -state / b.p[1])
+    elif b.kind == ANGLE_LAG:
+        slope = (u - state - TURN * math.floor((u - state) / TURN + 0.5)) / b.p[0]
+    elif b.kind == STOP:
+        low, high = b.low * s[b.low_of] - state, b.high * s[b.high_of] - state
+        slope = min(max(b.p[0] * u, low / SHORTEST), high / SHORTEST)
+    elif b.kind == SECOND_ORDER:
+        dx[b.state + 1] = _acceleration(b, u, x)
+        slope = x[b.state + 1]
+    else:
+        slope = (u - state) / b.p[2]
+    if b.kind in (LAG, SERVO, INTEGRAL, PI):
+        reached = b.p[0] * u + state if b.kind == PI else state
+        above, below = reached >= b.high * s[b.high_of], reached <= b.low * s[b.low_of]
+        if (above and slope > 0.0) or (below and slope < 0.0):
+            slope = 0.0
+    dx[b.state] = 0.0 if s[b.hold] > 0.5 else slope
+
+
+@compiled
+def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1, dx: Float1) -> None:
+    """Write the derivatives of the states of rows `first` to `end`, 1/s, for the signals from `outputs`."""
     for k in range(first, end):
-        b = blocks[k]
-        if b.state < 0:
-            continue
-        u, state = _total(b, s), x[b.state]
-        if b.kind == LAG:
-            slope = (b.p[0] * u - state) / b.p[1]
-        elif b.kind == SERVO:
-            slope = min(max((u - state) / b.p[0], b.p[1]), b.p[2])
-        elif b.kind == FIELD:
-            beyond = max(0.0, state - b.p[2])
-            slope = (u - b.p[0] * state - b.p[3] * beyond * beyond) / b.p[1]
-        elif b.kind == EXPONENTIAL:
-            slope = (u - (b.p[0] + b.p[2] * exp(b.p[3] * state)) * state) / b.p[1]
-        elif b.kind == INTEGRAL:
-            slope = b.p[0] * u
-        elif b.kind == PI:
-            slope = b.p[1] * u
-        elif b.kind == RELAY:
-            on = u >= b.p[1] or (u > b.p[0] and state > 0.5)
-            slope = ((1.0 if on else 0.0) - state) / b.p[2]
-        elif b.kind == DEAD_TIME:
-            _move_past(b, u, x, dx)
-            continue
-        elif b.kind == AFTER:
-            slope = (1.0 - state) / b.p[1] if u > 0.5 else (-1.0 / b.p[0] if state > OVER else -state / b.p[1])
-        elif b.kind == ANGLE_LAG:
-            slope = (u - state - TURN * math.floor((u - state) / TURN + 0.5)) / b.p[0]
-        elif b.kind == STOP:
-            low, high = b.low * s[b.low_of] - state, b.high * s[b.high_of] - state
-            slope = min(max(b.p[0] * u, low / SHORTEST), high / SHORTEST)
-        elif b.kind == SECOND_ORDER:
-            dx[b.state + 1] = _acceleration(b, u, x)
-            slope = x[b.state + 1]
-        else:
-            slope = (u - state) / b.p[2]
-        if b.kind in (LAG, SERVO, INTEGRAL, PI):
-            reached = b.p[0] * u + state if b.kind == PI else state
-            above, below = reached >= b.high * s[b.high_of], reached <= b.low * s[b.low_of]
-            if (above and slope > 0.0) or (below and slope < 0.0):
-                slope = 0.0
-        dx[b.state] = 0.0 if s[b.hold] > 0.5 else slope
+        if blocks[k].state >= 0:
+            move(blocks[k], x, s, dx)
 
 
 @entry_point
