@@ -1,21 +1,24 @@
-"""The command `analyze`: figures, pictures and one page of recordings."""
+"""The commands `analyze`, figures, pictures and a page of recordings, and `locate`, where an oscillation comes from."""
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from facts_damping.case import loading
-from facts_damping.cli.reporting import report, run_result
-from facts_damping.errors import InputError, check_known
+from facts_damping.cli.reporting import report, run_result, say
+from facts_damping.errors import InputError, RecordingError, check_known, one_line
 from facts_damping.findings import names, without_control
-from facts_damping.output.terminal import Progress, note
+from facts_damping.output.terminal import Progress, note, put
+from facts_damping.output.writing import write_json
 from facts_damping.parameters import files
 from facts_damping.record import Record
+from facts_damping.recording.bagfile import FILE_NAME
 from facts_damping.recording.reader import load
 from facts_damping.simulation.replaying.replay import check_has_run
-from facts_damping_views.analysis import details
+from facts_damping_views.analysis import details, locating
 
 if TYPE_CHECKING:
     import argparse
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
 
     from facts_damping.analysis.summary import Summary
 
+LIVE_S = 60.0  # s, the newest time that `locate --every` uses
 FREE = "no_control"  # stands for a recording: the same run without control
 
 
@@ -64,6 +68,51 @@ def analyze(arguments: argparse.Namespace) -> None:
         write_runs(Path(arguments.report), list(runs), baseline)
         more.append(f"report: {arguments.report}")
     report(arguments, named, results, files.new_folder(folder), *more)
+
+
+def locate(arguments: argparse.Namespace) -> None:
+    """Tell where the oscillation of a recording comes from, and draw it; again and again while it is being made."""
+    path = Path(arguments.recording)
+    marker = path / FILE_NAME
+    if arguments.every is None:
+        record = _explained(load(path), arguments.recording, arguments.run)
+        _located(arguments, record, arguments.since, drawn=True)
+        return
+    if not path.is_dir():
+        raise InputError(f"--every: given with {path}; allowed: with the folder of a recording")
+    ended = False
+    while not ended:
+        ended = marker.exists()  # before it is read: then all of it is there
+        try:
+            record = _explained(load(path), arguments.recording, arguments.run)
+            newest = max(float(record.time_s[-1]) - LIVE_S, locating.last_event(record))
+            _located(arguments, record, newest if arguments.since is None else arguments.since, drawn=ended)
+        except (InputError, RecordingError) as error:
+            if ended:
+                raise
+            note(f"not yet: {one_line(error)}")
+        if not ended:
+            put("\n", flush=True)
+            time.sleep(arguments.every)
+
+
+def _located(arguments: argparse.Namespace, record: Record, since: float | None, *, drawn: bool) -> None:
+    """Locate once; tell it, and write the picture if it is to be `drawn`."""
+    system = loading.recorded_case(record.configuration, arguments.recording).system
+    try:
+        where = locating.locate(record, system, arguments.frequency, since, arguments.until)
+    except InputError as error:
+        raise InputError(f"{arguments.recording}: {error}") from error
+    written = []
+    if drawn:
+        from facts_damping_views.analysis import energy_picture
+
+        folder = Path(arguments.out) if arguments.out is not None else Path(arguments.recording).parent / "analysis"
+        written.append(f"plot: {energy_picture.plot(system, where, files.new_folder(folder) / 'energy_flow.png')}")
+    write_json(arguments.json, where)
+    for line in record.notes if drawn else []:
+        note(f"{arguments.recording}: {line}")
+    say(arguments, *locating.lines(where), *written)
 
 
 def _distributions(

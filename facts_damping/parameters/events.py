@@ -102,22 +102,28 @@ class MechanicalPowerStep(ParameterModel):
 
 
 class ForcedOscillation(ParameterModel):
-    """A mechanical power, behind its governor, or a load's active power oscillates from phase 0 on; several add up."""
+    """A power, or the setpoint of a control, oscillates from phase 0 on; several add up."""
 
     time: float = _time()
     kind: Literal["forced_oscillation"] = _kind()
-    machine: Name | None = Field(None, description="either this or `load`")
-    load: Name | None = Field(None, description="either this or `machine`")
+    machine: Name | None = Field(None, description="machine whose mechanical power oscillates, behind its governor")
+    load: Name | None = Field(None, description="load whose active power oscillates")
+    exciter: Name | None = Field(None, description="machine whose voltage setpoint oscillates, p.u.")
+    inverter: Name | None = Field(
+        None, description="inverter whose setpoint of active power oscillates, p.u. of its rating"
+    )
     frequency: float = quantity(..., "Hz", "at most half the rate of integration steps", usual=0.5, gt=0, le=1e3)
-    amplitude: float = quantity(..., "-", "relative to the power after steps; of a load at most 1", ge=0, le=10)
+    amplitude: float = quantity(
+        ..., "-", "of machine and load relative to the power after steps; of a load at most 1", ge=0, le=10
+    )
     ramp: float = quantity(0.0, "s", "linear rise of the amplitude", ge=0, le=1e5)
     duration: float | None = quantity(None, "s", "none: to the end of the run", gt=0, le=1e5)
     waveform: Literal["sine", "square"] = Field("sine", description="`square`: sign of the sine")
 
     @model_validator(mode="after")
     def _one_place(self) -> ForcedOscillation:
-        if (self.machine is None) == (self.load is None):
-            raise ValueError("a forced oscillation needs either `machine` or `load`")
+        if [self.machine, self.load, self.exciter, self.inverter].count(None) != 3:
+            raise ValueError("a forced oscillation needs one of `machine`, `load`, `exciter` and `inverter`")
         return self
 
 

@@ -21,7 +21,7 @@ from facts_damping.plant.events import oscillating_loads, oscillations, topology
 from facts_damping.plant.grid import load
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 from facts_damping.plant.grid.reduction import Place, reduce_network, sparse_network
-from facts_damping.plant.inverters.start import Inverters, input_signal, inverters_at_rest
+from facts_damping.plant.inverters.start import Inverters, input_signal, inverters_at_rest, power_input
 from facts_damping.plant.machines import blocks
 from facts_damping.plant.model import Plant, PlantState
 from facts_damping.plant.rotating import machines_at_rest
@@ -100,7 +100,7 @@ def build(
         island=np.array([[s.islands[bus] for bus in sources] for s in steps], np.int64),
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
         load_noise=load_noise.table({}, loads, len(loads)),
-        oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
+        oscillations=_oscillations(system, listed, loads, inverters.rows, every),
         network=np.zeros((0, 0, 0), complex) if large else np.array([reduce_network(*part) for part in intervals]),
         sparse_networks=Table([sparse_network(*part) for part in intervals] if large else []),
         pmu_machine=np.array([at.get(pmu.machine, -1) for pmu in system.pmus]),
@@ -110,6 +110,17 @@ def build(
     at_rest = np.zeros(n), np.zeros(n), initial_watch(n), source, still
     lines = line([system.device(name).dead_time for name in installed])
     return Built(plant, PlantState(np.array(states.values), *at_rest, *lines), flow, states.names)
+
+
+def _oscillations(
+    system: System, listed: Sequence[Event], loads: Sequence[Load], inverters: NDArray[Any], every: NDArray[Any]
+) -> NDArray[Any]:
+    """The forced oscillations; that of an inverter is one of its plant's setpoint of active power, if it has one."""
+    rows = oscillations(listed, *([x.name for x in of] for of in (system.machines, loads, system.inverters)))
+    for row in rows:
+        if (i := row["inverter"]) >= 0:
+            row["input"] = power_input(inverters[i], every, system.inverters[i].name)
+    return rows
 
 
 class _Start(NamedTuple):

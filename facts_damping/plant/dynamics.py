@@ -24,11 +24,17 @@ from facts_damping.plant.ports import solve_ports
 
 @compiled
 def _add_at_controls(plant: Plant, x: Float1, reference: Float1, work: Work) -> None:
-    """Write the setpoints of devices without a port, p.u.: at regulators into `work.added`, else to an inverter's."""
+    """Write the setpoints of devices without a port, p.u.: at regulators into `work.added`, else to an inverter's.
+
+    Forced oscillations of these setpoints are added.
+    """
     begin(plant, work)
     for i in range(plant.placed.size):
         if plant.placed[i].machine >= 0:
             work.added[plant.placed[i].machine] = 0.0
+    for i in range(plant.oscillations.size):
+        if plant.oscillations[i].exciter >= 0:
+            work.added[plant.oscillations[i].exciter] = 0.0
     for i in range(plant.placed.size):
         d = plant.placed[i]
         if d.port < 0:
@@ -37,6 +43,12 @@ def _add_at_controls(plant: Plant, x: Float1, reference: Float1, work: Work) -> 
                 work.inverter_signals[d.inverter, d.input] += u
             else:
                 work.added[d.machine] += u
+    for i in range(plant.oscillations.size):
+        o = plant.oscillations[i]
+        if o.exciter >= 0:
+            work.added[o.exciter] += work.value[i]
+        elif o.inverter >= 0:
+            work.inverter_signals[o.inverter, o.input] += work.value[i]
 
 
 @entry_point

@@ -27,6 +27,9 @@ OSCILLATION = np.dtype(
     [
         ("machine", "i8"),  # index, or -1
         ("load", "i8"),  # index among the plant's loads, or -1
+        ("exciter", "i8"),  # index of its machine, or -1
+        ("inverter", "i8"),  # index, or -1
+        ("input", "i8"),  # signal of the inverter that it is added to (`build` writes it)
         ("square", "i8"),  # 1: the sign of the sine
         ("frequency", "f8"),  # Hz
         ("amplitude", "f8"),  # relative to the power
@@ -137,8 +140,17 @@ def _check_oscillation(system: System, before: Topology, event: events.ForcedOsc
         if event.amplitude > 1.0:
             raise InputError(f"{where}.amplitude: {event.amplitude:g} given; allowed: at most 1, the whole load")
     else:
+        field, units = next(
+            (name, units)
+            for name, units in (
+                ("machine", [m.name for m in system.machines]),
+                ("exciter", [e.machine for e in system.exciters if getattr(e, "enabled", True)]),
+                ("inverter", [i.name for i in system.inverters]),
+            )
+            if getattr(event, name) is not None
+        )
         gone = before.machines_out if event.amplitude > 0.0 else ()  # it may end after a trip
-        check_known(f"{where}.machine", event.machine or "", [m.name for m in system.machines if m.name not in gone])
+        check_known(f"{where}.{field}", getattr(event, field), [name for name in units if name not in gone])
     if event.frequency * system.step > 0.5:
         allowed = f"at most {0.5 / system.step:g}, in Hz, half the rate of integration steps"
         raise InputError(f"{where}.frequency: {event.frequency:g} given; allowed: {allowed}")
@@ -179,13 +191,15 @@ def oscillating_loads(listed: Sequence[Event]) -> set[str]:
     return {event.load for event in _oscillating(listed) if event.load is not None}
 
 
-def oscillations(listed: Sequence[Event], machines: Sequence[str], loads: Sequence[str]) -> NDArray[Any]:
+def oscillations(
+    listed: Sequence[Event], machines: Sequence[str], loads: Sequence[str], inverters: Sequence[str]
+) -> NDArray[Any]:
     """The forced oscillations among the events, rows of OSCILLATION; none for an amplitude of 0."""
     rows = []
     for event in _oscillating(listed):
-        place = -1 if event.machine is None else machines.index(event.machine)
-        of_load = -1 if event.load is None else loads.index(event.load)
-        what = place, of_load, int(event.waveform == "square"), event.frequency, event.amplitude, event.ramp
+        among = ((event.machine, machines), (event.load, loads), (event.exciter, machines), (event.inverter, inverters))
+        at = [-1 if name is None else names.index(name) for name, names in among]
+        what = *at, 0, int(event.waveform == "square"), event.frequency, event.amplitude, event.ramp
         end = NEVER if event.duration is None else to_ns(event.time + event.duration)
         rows.append((*what, to_ns(event.time), to_ns(event.time + event.ramp), end))
     return np.array(rows, OSCILLATION)

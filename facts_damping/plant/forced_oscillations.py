@@ -1,13 +1,14 @@
-"""Forced oscillations of the mechanical powers of machines and the active powers of loads; compiled.
+"""Forced oscillations of machines' mechanical powers, loads' active powers, and setpoints of controls; compiled.
 
-Relative to the power, an oscillation of amplitude A, ramp T and frequency f is
+Relative to the power, or of a setpoint in p.u., an oscillation of amplitude A, ramp T and frequency f is
 
     a(t) = A min(1, t / T) sin(2 pi f t)
 
 from its start on, or A min(1, t / T) times the sign of the sine. A machine's mechanical power is that of its governor
-plus a times its reference; a load draws 1 + a times its active power. Several at one element add up. They depend on
-time only, not on how a plant is advanced: starts, ends, ends of ramps and edges of squares split the steps of the
-integration, and within a step the intervals of the integrator have the values of their own times.
+plus a times its reference; a load draws 1 + a times its active power; a is added where an exciter has its stabiliser's
+output, and to an inverter's setpoint of active power. Several at one element add up. They depend on time only, not on
+how a plant is advanced: starts, ends, ends of ramps and edges of squares split the steps of the integration, and within
+a step the intervals of the integrator have the values of their own times.
 """
 
 from __future__ import annotations
@@ -64,6 +65,7 @@ def move_oscillations(plant: Plant, work: Work, seconds: float) -> None:
         for i in range(work.noise.shape[0]):
             work.noise[i, 0] = 0.0
     for i in range(plant.oscillations.size):
+        work.value[i] = 0.0
         if work.since[i] < 0.0:
             continue
         o = plant.oscillations[i]
@@ -72,7 +74,8 @@ def move_oscillations(plant: Plant, work: Work, seconds: float) -> None:
         value = o.amplitude * (work.level[i] if o.square == 1 else sin(TURN * (turns - math.floor(turns))))
         if t < o.ramp:
             value *= t / o.ramp
+        work.value[i] = value
         if o.machine >= 0:
             work.forced[o.machine] += value
-        else:
+        elif o.load >= 0:
             work.noise[o.load, 0] += value

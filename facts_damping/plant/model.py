@@ -120,6 +120,7 @@ class Work(Struct):
     noise_slope: Float2  # 1/s
     since: Float1  # (oscillations,), s from the start to the current segment; negative: not active
     level: Float1  # (oscillations,), of square waves in the current segment
+    value: Float1  # (oscillations,), current values; 0: not active
     forced: Float1  # (machines,), forced oscillation relative to the mechanical power, current value
     signals: Float1  # of the blocks of one control
     added: Float1  # (machines,), p.u., setpoints at the summing points of voltage regulators
@@ -160,6 +161,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros((len(plant.loads), 2)),
         np.zeros((len(plant.loads), 2)),
         np.full(len(plant.oscillations), -1.0),
+        np.zeros(len(plant.oscillations)),
         np.zeros(len(plant.oscillations)),
         np.zeros(machines),
         np.zeros(len(SENSED) + len(plant.blocks)),

@@ -317,7 +317,8 @@ def grid_events(case: Case) -> list[GridEvent]:
     published = []
     for change in timeline(case.scenario.events):
         row = change.event.model_dump()
-        element = next(row[key] for key in ("line", "bus", "load", "machine") if row.get(key) is not None)
+        places = ("line", "bus", "load", "machine", "exciter", "inverter")
+        element = next(row[key] for key in places if row.get(key) is not None)
         on_line = row["kind"] == "fault" and row.get("line") is not None
         location = row["location"] if on_line else math.nan
         value = next((row[key] for key in ("change", "power", "amplitude") if row.get(key) is not None), math.nan)

@@ -318,8 +318,8 @@ def test_two_islands_run_apart_with_the_device_between_them(lines: tuple[str, st
         (oscillation(machine="G1", frequency=0.0), "scenario.0.frequency", "greater than 0"),
         (oscillation(machine="G1", duration=0.0), "scenario.0.duration", "greater than 0"),
         (oscillation(machine="G1", waveform="saw"), "scenario.0.waveform", "'sine' or 'square'"),
-        (oscillation(), r"scenario.0(\.\w+)?", "either `machine` or `load`"),
-        (oscillation(machine="G1", load="load_1"), r"scenario.0(\.\w+)?", "either `machine` or `load`"),
+        (oscillation(), r"scenario.0(\.\w+)?", "one of `machine`, `load`, `exciter`"),
+        (oscillation(machine="G1", load="load_1"), r"scenario.0(\.\w+)?", "one of `machine`, `load`, `exciter`"),
     ],
 )
 def test_rows_that_are_no_events_are_refused(row: dict[str, Any], field: str, allowed: str) -> None:

@@ -209,6 +209,15 @@ def _place(row: Any, assembled: Control, signals: Float1, data: Inverter, first:
     return needed
 
 
+def power_input(row: Any, blocks: NDArray[Any], name: str) -> int:
+    """The signal that adds to an inverter's active power, its plant's if it has one. Raises `InputError` without."""
+    used = used_signals(blocks[row["first"] : row["end"]])
+    for signal in ("Pplant", "Paux"):
+        if KNOWN.index(signal) in used:
+            return KNOWN.index(signal)
+    raise InputError(f"events: inverter: {name} given; allowed: one whose controls have a setpoint of active power")
+
+
 def input_signal(row: Any, blocks: NDArray[Any], device: Any) -> int:
     """The signal that a device's setpoint is added to. Raises `InputError` if the inverter's controls do not use it."""
     at = {name: KNOWN.index(name) for name in SETPOINTS}

@@ -1,0 +1,207 @@
+"""How often `locate` names the right source of a forced oscillation: sources that are placed at random, by seed.
+
+    python -m facts_damping_validation.sources --out results/sources
+
+The rule, fixed before the seeds that are reported were run: `locate` with its defaults on a record of 70 s in which the
+source is on from 5 s to the end, a sine, in noise of loads and PMUs. At a plant with a PMU of its own a result is right
+if all that it names is within one bus (one branch) of the source's bus. Without it (all loads; all plants a second
+time, with their PMUs left out) it is right if the one area that it names is the source's. A refusal is wrong. Sources
+are drawn with equal chances of each sort, then of each element; frequencies in turn at the least damped
+electromechanical mode, 5 % above it, and halfway (geometric mean) to the next one that is 15 % or more away.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from math import sqrt
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from facts_damping.case.loading import make_case, read_run
+from facts_damping.errors import InputError, one_line
+from facts_damping.output.tables import table
+from facts_damping.output.terminal import Progress, show
+from facts_damping.output.writing import write_whole
+from facts_damping.parameters import files
+from facts_damping.signals import NEVER
+from facts_damping.simulation import loop
+from facts_damping.small_signal.modal_tables import analyse
+from facts_damping_views.analysis.cells import areas, cells, ends
+from facts_damping_views.analysis.locating import locate, words
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from facts_damping.parameters.plant.system import System
+    from facts_damping.record import Record
+    from facts_damping_views.analysis.cells import Cell
+
+NOISE = {"measurement": "p_class", "load_noise": {"std": 0.01, "time_constant": 1.0}}
+GRIDS: dict[str, dict[str, Any]] = {  # runs, by the name of the system; others are run with NOISE
+    "two_area": {"profile": "deployment"},
+    "two_area_ibr": {"profile": "deployment"},
+    "nets_nyps": {"profile": "deployment"},
+    "minniwecc": NOISE,
+}
+PLACES = ("at", "beside", "between")
+AMPLITUDES = {  # relative to the power (machine, load), p.u. (exciter), of the rating (inverter)
+    "machine": (0.01, 0.02, 0.04),
+    "load": (0.01, 0.02, 0.04),
+    "exciter": (0.005, 0.01, 0.02),
+    "inverter": (0.01, 0.02, 0.04),
+}
+START, DURATION = 5.0, 70.0  # s
+LEAST = 0.01  # of all load, up to which a load is no source
+FIRST, COUNT = 1000, 50  # seeds that are reported
+
+
+class Sourced(NamedTuple):
+    """One result: what was forced, and what was named."""
+
+    system: str
+    seed: int
+    kind: str  # machine (its governor), exciter, inverter, load
+    element: str
+    place: str  # of the frequency
+    frequency: float  # Hz
+    with_pmu: bool  # at the plant
+    named: str
+    first: float  # fraction of windows
+    seen: float  # Hz
+    right: bool
+
+
+def case_content(name: str) -> dict[str, Any]:
+    """Content of a run of a system without devices and controllers."""
+    content, _ = read_run({"system": name, "devices": [], "controllers": [], **GRIDS.get(name, NOISE)})
+    off = {"supervision": "off", "arm_at": None, "tuning": None, "link": "ideal"}
+    return {**content, **{key: value for key, value in off.items() if key in content}, "duration": DURATION}
+
+
+def frequencies(system: System) -> tuple[float, float, float]:
+    """Frequencies at, beside and between modes, Hz (`PLACES`)."""
+    swings = [m for m in analyse(system, []).swings if 0.1 < m.frequency_hz < 2.0]
+    least = min(swings, key=lambda m: m.damping_ratio).frequency_hz
+    others = [m.frequency_hz for m in swings if max(m.frequency_hz / least, least / m.frequency_hz) >= 1.15]
+    nearest = min(others, key=lambda f: abs(np.log(f / least)))
+    return least, 1.05 * least, sqrt(least * nearest)
+
+
+def elements(system: System) -> dict[str, list[str]]:
+    """Names of what may be a source, by sort."""
+    least = LEAST * sum(load.P for load in system.loads)
+    of = {
+        "machine": [m.name for m in system.machines],
+        "exciter": [e.machine for e in system.exciters if getattr(e, "enabled", True)],
+        "inverter": [i.name for i in system.inverters],
+        "load": [x.name for x in system.loads if least < x.P],
+    }
+    return {kind: names for kind, names in of.items() if names}
+
+
+def results(name: str, seeds: Sequence[int], progress: Any = lambda *_: None) -> Iterator[Sourced]:
+    """Results of a system, one or two of each seed."""
+    content = case_content(name)
+    system = make_case({**content, "scenario": scenario()}, name).system
+    at, of, by_area = frequencies(system), elements(system), areas(system)
+    buses = {unit.name: unit.bus for unit in system.units} | {x.name: x.bus for x in system.loads}
+    for n, seed in enumerate(seeds):
+        progress(n, len(seeds))
+        draw = np.random.default_rng(seed)
+        kind = list(of)[draw.integers(len(of))]
+        element = of[kind][draw.integers(len(of[kind]))]
+        place = seed % len(PLACES)
+        event = {"time": START, "kind": "forced_oscillation", kind: element, "frequency": at[place]}
+        event["amplitude"] = AMPLITUDES[kind][place]
+        record = loop.run(make_case({**content, "scenario": scenario(event), "seed": seed}, name))
+        what = name, seed, kind, element, PLACES[place], at[place]
+        bus = buses[element]
+        if kind != "load" and _alone(system, bus):
+            yield Sourced(*what, True, *_named(record, system, lambda cell: _near(system, cell, bus)))  # noqa: B023
+        blind = record if kind == "load" else _without(record, system, bus)
+        yield Sourced(*what, False, *_named(blind, system, lambda cell: cell.areas == [by_area[bus]]))  # noqa: B023
+
+
+def scenario(*events: dict[str, Any]) -> dict[str, Any]:
+    """A scenario, inline."""
+    return {"name": "sources", "events": list(events), "duration": DURATION}
+
+
+def _named(record: Record, system: System, is_right: Any) -> tuple[str, float, float, bool]:
+    """What `locate` names, the fraction of windows, the frequency that it saw, and whether it is right."""
+    try:
+        where = locate(record, system)
+    except InputError as error:
+        return f"refused: {one_line(error)}", 0.0, float("nan"), False
+    cell = where.source.cell
+    text = f"{words(cell)} ({', '.join(cell.areas)})"
+    return text, where.source.first, where.frequency, bool(is_right(cell))
+
+
+def _around(system: System, bus: str) -> set[str]:
+    """A bus and those at one branch from it."""
+    return {bus} | {other for pair in ends(system).values() if bus in pair for other in pair}
+
+
+def _near(system: System, cell: Cell, bus: str) -> bool:
+    """Whether a cell is within one bus of a bus."""
+    return set(cell.buses or [cell.bus]) <= _around(system, bus)
+
+
+def _alone(system: System, bus: str) -> bool:
+    """Whether PMUs tell a bus with a plant apart from all that is farther than one bus."""
+    every = cells(system, [True] * len(system.pmus)).cells
+    units = {unit.name for unit in system.units if unit.bus == bus}
+    return all(_near(system, cell, bus) for cell in every if units & set(cell.units))
+
+
+def _without(record: Record, system: System, bus: str) -> Record:
+    """A record without the PMUs at the plant at a bus: at its units, and at the next bus on branches to it."""
+    at, branches = system.pmu_buses(), ends(system)
+    measured = record.measured_ns.copy()
+    for s, pmu in enumerate(system.pmus):
+        if at[pmu.name] == bus or any(bus in branches[name] for name in pmu.branches):
+            measured[:, s] = NEVER
+    return replace(record, measured_ns=measured)
+
+
+def rates(rows: Sequence[Sourced], *by: str) -> list[tuple[str, ...]]:
+    """Table rows: groups by fields, right of all, with Wilson's 95 % interval."""
+    groups: dict[tuple[str, ...], list[Sourced]] = {}
+    for row in rows:
+        groups.setdefault(tuple(str(getattr(row, field)) for field in by), []).append(row)
+    return [(*key, *rate(group)) for key, group in sorted(groups.items())]
+
+
+def rate(rows: Sequence[Sourced]) -> tuple[str, str]:
+    """Right of all, and Wilson's 95 % interval of the fraction."""
+    right = sum(row.right for row in rows)
+    low, high = stats.binomtest(right, len(rows)).proportion_ci(0.95, method="wilson")
+    return f"{right} of {len(rows)}", f"{low:.2f} to {high:.2f}"
+
+
+def main() -> None:
+    """Run, tell and write the table."""
+    parser = argparse.ArgumentParser(description="How often locate names the right source.")
+    parser.add_argument("systems", nargs="*", default=list(GRIDS))
+    parser.add_argument("--first", type=int, default=FIRST, help="first seed")
+    parser.add_argument("--count", type=int, default=COUNT, help="seeds of each system")
+    parser.add_argument("--out", default="results/sources", help="folder for results")
+    arguments = parser.parse_args()
+    rows: list[Sourced] = []
+    for name in arguments.systems:
+        with Progress(name, "runs") as progress:
+            rows += results(name, range(arguments.first, arguments.first + arguments.count), progress)
+    folder = files.new_folder(Path(arguments.out))
+    text = [",".join(Sourced._fields), *(",".join(str(value).replace(",", ";") for value in row) for row in rows)]
+    write_whole(folder / "sources.csv", "\n".join([*text, ""]))
+    for by in (("with_pmu",), ("with_pmu", "system"), ("with_pmu", "kind"), ("with_pmu", "place")):
+        show("\n".join([*table([*by, "right", "95 % interval"], rates(rows, *by), len(by)), ""]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,168 @@
+"""Dissipating energy flow: which way the energy of an oscillation goes where voltage and current are measured.
+
+With P and Q in the direction of the current, theta and V of the voltage, the deviations at the oscillation's frequency
+f carry the energy
+
+    W(t) = integral dP d(theta) + dQ d(ln V)        p.u. rad
+
+A place that W grows out of feeds the oscillation, one that it flows into damps it. The slope of W over whole periods is
+
+    dW/dt = Re(P* j 2 pi f theta) / 2 + Re(Q* j 2 pi f L) / 2        p.u. rad/s
+
+with the phasors P, Q, theta and L = ln V of the oscillation. A fit of a sine and a parabola under a Hann window gives
+them, window by window: it passes a band of two widths 1 / window on each side of f, leaves out missing frames, and
+takes drift, and the rotation of angles at another frequency than the nominal, with the parabola.
+
+Source: S. Maslennikov, B. Wang, E. Litvinov, Dissipating energy flow method for locating the source of sustained
+oscillations, Electrical Power and Energy Systems 88, 2017. The energy is conserved by lossless lines and by loads of
+constant active power whose reactive power depends on the voltage: L. Chen, Y. Min, W. Hu, An energy-based method for
+location of power system oscillation source, IEEE Trans. Power Systems 28, 2013. Others are sources or sinks themselves.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.errors import InputError
+from facts_damping.signals import CHANNELS, NANOSECONDS, NEVER
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.compiling.structs import Complex2, Float1, Float2
+
+BAND = (0.1, 5.0)  # Hz, in which a frequency is sought
+FLOOR = 15  # lines of the spectrum, whose median is what an oscillation stands out of
+STANDS_OUT = 10.0  # factor of an oscillation's line on that median
+SMALL = 1e-6  # p.u., amplitude of power that is round-off
+CYCLES = 4  # least number of periods in a window
+SPANS = 4  # number of windows, side by side, in a long record; they overlap by half
+FEWEST = 3  # windows
+PRESENT = 0.8  # least fraction of a window's frames at a place
+BAD = 32768 | 16384  # bits of a PMU's status: data error, test mode
+
+
+class Phasors(NamedTuple):
+    """Voltages and currents at places over time, p.u., (frames, places); NaN: missing. `time_s`: of each of them."""
+
+    time_s: Float2
+    voltage: Complex2
+    current: Complex2
+
+
+class EnergyFlow(NamedTuple):
+    """The energy of an oscillation: its frequency, Hz; start and end of each window, s; p.u. rad/s there.
+
+    `flow` (windows, places): out of a machine, or of a bus into the measured branches; NaN: too few frames.
+    `amplitude` (places,): of the active power, p.u.
+    """
+
+    frequency: float
+    windows: Float2
+    flow: Float2
+    amplitude: Float1
+
+
+def phasors(frames: NDArray[np.float64], measured_ns: NDArray[np.int64], status: NDArray[np.int64]) -> Phasors:
+    """Phasors of a record's frames (ticks, PMUs, CHANNELS): each once, at its time of measurement; bad ones are NaN."""
+    column = {name: frames[:, :, i] for i, name in enumerate(CHANNELS)}
+    again = np.zeros(measured_ns.shape, bool)
+    again[1:] = measured_ns[1:] == measured_ns[:-1]
+    missing = (measured_ns == NEVER) | ((status & BAD) != 0) | again
+    time_s = np.where(measured_ns == NEVER, np.nan, measured_ns / NANOSECONDS)
+    voltage, current = (
+        column[f"{name}_magnitude"] * np.exp(1j * column[f"{name}_angle"]) for name in ("voltage", "current")
+    )
+    return Phasors(time_s, np.where(missing, np.nan, voltage), np.where(missing, np.nan, current))
+
+
+def between(measured: Phasors, since: float, until: float) -> Phasors:
+    """The frames measured from `since` to `until`, s."""
+    outside = ~((measured.time_s >= since) & (measured.time_s <= until))
+    rows = ~outside.all(axis=1)
+    beyond = outside[rows]
+    return Phasors(
+        measured.time_s[rows], *(np.where(beyond, np.nan, of[rows]) for of in (measured.voltage, measured.current))
+    )
+
+
+def strongest(measured: Phasors, rate: float) -> float:
+    """Frequency of the strongest oscillation of the active powers, Hz, from their spectrum under a Hann window.
+
+    `rate`: frames per second. Raises `InputError` if nothing stands out of the spectrum.
+    """
+    power = (measured.voltage * measured.current.conj()).real
+    whole = power[:, np.isfinite(power).mean(axis=0) >= PRESENT]
+    n = len(whole)
+    if n < FLOOR or not whole.size:
+        raise InputError(f"{n} frames given; allowed: more, of at least one place")
+    t = np.linspace(-1.0, 1.0, n)
+    filled = np.column_stack([np.interp(t, t[ok], x[ok]) for x, ok in zip(whole.T, np.isfinite(whole).T, strict=True)])
+    trend = np.polynomial.polynomial.polyfit(t, filled, 2)
+    level = filled - np.polynomial.polynomial.polyval(t, trend).T
+    lines = np.abs(np.fft.rfft(level * np.hanning(n)[:, None], axis=0)) * 4.0 / n
+    size, frequency = np.sqrt((lines**2).sum(axis=1)), np.fft.rfftfreq(n, 1.0 / rate)
+    floor = np.array([np.median(size[max(0, k - FLOOR) : k + FLOOR + 1]) for k in range(len(size))])
+    inside = (frequency >= BAND[0]) & (frequency <= min(BAND[1], 0.4 * rate)) & (size > STANDS_OUT * floor)
+    inside &= size > SMALL
+    if not inside.any():
+        raise InputError(
+            f"no oscillation between {BAND[0]:g} and {BAND[1]:g} Hz stands out of the spectrum; allowed: --frequency HZ"
+        )
+    k = int(np.argmax(np.where(inside, size, 0.0)))
+    below, here, above = (np.log(size[min(max(i, 0), len(size) - 1)] + 1e-300) for i in (k - 1, k, k + 1))
+    bend = below - 2.0 * here + above
+    return float(frequency[k] + (0.5 * (below - above) / bend if bend < 0.0 else 0.0) * rate / n)
+
+
+def windows(start: float, end: float, frequency: float) -> Float2:
+    """Start and end of each window, s: of a quarter of the time, at least four periods, half over each other.
+
+    Raises `InputError` if there are fewer than three.
+    """
+    length = max(CYCLES / frequency, (end - start) / SPANS)
+    count = int((end - start - length) / (0.5 * length) + 1e-6) + 1
+    if count < FEWEST:
+        least = CYCLES * (FEWEST + 1) / 2 / frequency
+        raise InputError(f"{end - start:.1f} s given; allowed: at least {least:.1f} s, {CYCLES * (FEWEST + 1) // 2} "
+                         f"periods at {frequency:.3g} Hz")  # fmt: skip
+    begin = start + 0.5 * length * np.arange(count)
+    return np.column_stack([begin, begin + length])
+
+
+def energy_flow(measured: Phasors, frequency: float) -> EnergyFlow:
+    """Energy flow of an oscillation at each place, window by window. Raises `InputError` if the time is too short."""
+    start, end = float(np.nanmin(measured.time_s)), float(np.nanmax(measured.time_s))
+    spans = windows(start, end, frequency)
+    places = measured.voltage.shape[1]
+    flow, amplitude = np.full((len(spans), places), np.nan), np.full((len(spans), places), np.nan)
+    usual = np.isfinite(measured.voltage * measured.current).sum(axis=0).max(initial=0) / max(end - start, 1e-9)
+    for w, (begin, stop) in enumerate(spans):
+        for place in range(places):
+            t, v, i = (of[:, place] for of in measured)
+            ok = (t >= begin) & (t <= stop) & np.isfinite(v) & np.isfinite(i) & (np.abs(v) > 0.0)
+            if ok.sum() >= PRESENT * usual * (stop - begin):
+                flow[w, place], amplitude[w, place] = _slope(t[ok], v[ok], i[ok], frequency, (begin, stop))
+    many = np.isfinite(amplitude).any(axis=0)
+    mean = np.array([np.nanmean(column) if ok else np.nan for column, ok in zip(amplitude.T, many, strict=True)])
+    return EnergyFlow(frequency, spans, flow, mean)
+
+
+def _slope(
+    t: Float1, voltage: NDArray[np.complex128], current: NDArray[np.complex128], frequency: float,
+    span: tuple[float, float],
+) -> tuple[float, float]:  # fmt: skip
+    """Slope of W over a window, p.u. rad/s, and the amplitude of the active power, p.u."""
+    omega, length = 2.0 * np.pi * frequency, span[1] - span[0]
+    middle = t - 0.5 * (span[0] + span[1])
+    power = voltage * current.conj()
+    signals = np.column_stack([power.real, power.imag, np.unwrap(np.angle(voltage)), np.log(np.abs(voltage))])
+    tau = 2.0 * middle / length
+    columns = np.column_stack([np.cos(omega * middle), np.sin(omega * middle), np.ones_like(tau), tau, tau * tau])
+    weight = np.cos(0.5 * np.pi * tau)[:, None]  # its square is Hann's window
+    fit, *_ = np.linalg.lstsq(weight * columns, weight * signals, rcond=None)
+    p, q, theta, ln_v = fit[0] - 1j * fit[1]
+    slope = 0.5 * (p.conjugate() * 1j * omega * theta).real + 0.5 * (q.conjugate() * 1j * omega * ln_v).real
+    return float(slope), float(abs(p))

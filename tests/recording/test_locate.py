@@ -1,0 +1,87 @@
+"""`facts-damping locate` on recordings, as a user types it: the ranking, the picture, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
+from facts_damping.signals import CHANNELS
+from facts_damping.simulation import loop
+from tests.commands import assert_one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from facts_damping.record import Record
+
+FORCED = "{time: 2, kind: forced_oscillation, exciter: G2, frequency: 0.8, amplitude: 0.02}"
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    """two_area_deployment with its noise of loads, the exciter of G2 forced."""
+    sets = ["controllers=[]", "devices=[]", f"scenario=[{FORCED}]", "duration=32", "frame_rate=30", "measurement=ideal"]
+    return loop.run(load_case("two_area_deployment", sets))
+
+
+@pytest.fixture(scope="module")
+def recording(record: Record, tmp_path_factory: pytest.TempPathFactory, written: Callable[..., None]) -> Path:
+    folder = tmp_path_factory.mktemp("located") / "recording"
+    written(record, folder)
+    return folder
+
+
+def test_source_is_named_and_drawn(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figures = tmp_path / "where.json"
+    assert main(["locate", str(recording), "--out", str(tmp_path), "--json", str(figures)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("the source of 0.80")
+    assert "Hz is G2 at B2 in area_1: first in" in out
+    assert (tmp_path / "energy_flow.png").stat().st_size > 10_000
+    where: dict[str, Any] = json.loads(figures.read_text())
+    assert where["frequency"] == pytest.approx(0.8, abs=0.01)
+    assert where["places"][0]["cell"]["units"] == ["G2"]
+    assert where["pmus"] == ["G1", "G2", "G3", "G4", "TIE"]
+
+
+def test_source_without_a_pmu_is_named_by_its_area(
+    record: Record, tmp_path: Path, written: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Neither G2 nor the tie is measured: the border is estimated."""
+    status = record.status.copy()
+    status[:, [1, 4]] = 32768  # data error
+    written(replace(record, status=status), tmp_path / "recording")
+    assert main(["locate", str(tmp_path / "recording")]) == 0
+    assert "by the network's data in area_1, first in" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--frequency", "13"], "--frequency: 13 given; allowed: above 0, below 12 Hz, 0.4 of the frame rate"),
+        (["--since", "28"], "s given; allowed: at least"),
+        (["--since", "40"], "no frames from 40 to 31.9667 s given"),
+        (["--until", "2", "--since", "1"], "no oscillation between 0.1 and 5 Hz stands out of the spectrum"),
+    ],
+    ids=str,
+)
+def test_bad_input_is_one_line(
+    recording: Path, options: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert_one_line(2, ["locate", str(recording), *options], reason, capsys)
+
+
+def test_recording_without_currents_is_refused(
+    record: Record, tmp_path: Path, written: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = record.frames.copy()
+    frames[:, :, list(CHANNELS).index("current_magnitude")] = np.nan
+    written(replace(record, frames=frames), tmp_path / "recording")
+    assert_one_line(2, ["locate", str(tmp_path / "recording")], "no currents given; allowed: a recording of", capsys)
