@@ -6,8 +6,10 @@ The rule, fixed before the seeds that are reported were run: `locate` with its d
 source is on from 5 s to the end, a sine, in noise of loads and PMUs. At a plant with a PMU of its own a result is right
 if all that it names is within one bus (one branch) of the source's bus. Without it (all loads; all plants a second
 time, with their PMUs left out) it is right if the one area that it names is the source's. A refusal is wrong. Sources
-are drawn with equal chances of each sort, then of each element; frequencies in turn at the least damped
-electromechanical mode, 5 % above it, and halfway (geometric mean) to the next one that is 15 % or more away.
+are drawn with equal chances of each sort, then of each element. Their powers oscillate by 0.2 % of all load at modes,
+twice that beside, four times between (at most a fifth of their own); exciters by 0.01, 0.02, 0.04 p.u. Frequencies are
+in turn that of the least damped electromechanical mode, 5 % above it, and halfway (geometric mean) to the next one that
+is 15 % or more away.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy import stats
 
+from facts_damping.case.changes import as_sets, change
 from facts_damping.case.loading import make_case, read_run
 from facts_damping.errors import InputError, one_line
 from facts_damping.output.tables import table
@@ -41,22 +44,24 @@ if TYPE_CHECKING:
     from facts_damping_views.analysis.cells import Cell
 
 NOISE = {"measurement": "p_class", "load_noise": {"std": 0.01, "time_constant": 1.0}}
-GRIDS: dict[str, dict[str, Any]] = {  # runs, by the name of the system; others are run with NOISE
-    "two_area": {"profile": "deployment"},
-    "two_area_ibr": {"profile": "deployment"},
-    "nets_nyps": {"profile": "deployment"},
+DEPLOYED = {"profile": "deployment"}
+STABILISERS = {"system.stabilisers.*.enabled": True}
+GRIDS: dict[str, dict[str, Any]] = {  # runs; a system of another name is run with NOISE
+    "two_area": DEPLOYED,
+    "two_area_stabilised": {**DEPLOYED, "system": "two_area"},  # all four stabilisers, not two
+    "two_area_ibr": DEPLOYED,
+    "nets_nyps": DEPLOYED,
     "minniwecc": NOISE,
 }
+CHANGED = {"two_area_stabilised": STABILISERS}
 PLACES = ("at", "beside", "between")
-AMPLITUDES = {  # relative to the power (machine, load), p.u. (exciter), of the rating (inverter)
-    "machine": (0.01, 0.02, 0.04),
-    "load": (0.01, 0.02, 0.04),
-    "exciter": (0.005, 0.01, 0.02),
-    "inverter": (0.01, 0.02, 0.04),
-}
+STRENGTH = (1.0, 2.0, 4.0)  # of sources at, beside and between modes
+POWER, MOST = 0.002, 0.2  # amplitude of powers relative to all load; its limit relative to the power of the element
+VOLTAGE = 0.01  # p.u., of exciters' setpoints
 START, DURATION = 5.0, 70.0  # s
 LEAST = 0.01  # of all load, up to which a load is no source
-FIRST, COUNT = 1000, 50  # seeds that are reported
+FIRST = 1000  # seed, from which on results are reported
+COUNT = {"two_area": 60, "two_area_stabilised": 60, "two_area_ibr": 30, "nets_nyps": 20, "minniwecc": 20}
 
 
 class Sourced(NamedTuple):
@@ -78,7 +83,9 @@ class Sourced(NamedTuple):
 def case_content(name: str) -> dict[str, Any]:
     """Content of a run of a system without devices and controllers."""
     content, _ = read_run({"system": name, "devices": [], "controllers": [], **GRIDS.get(name, NOISE)})
-    off = {"supervision": "off", "arm_at": None, "tuning": None, "link": "ideal"}
+    if name in CHANGED:
+        change(content, CHANGED[name], as_sets(CHANGED[name]))
+    off = {"supervision": "off", "arm_at": None, "link": "ideal"}
     return {**content, **{key: value for key, value in off.items() if key in content}, "duration": DURATION}
 
 
@@ -106,8 +113,11 @@ def elements(system: System) -> dict[str, list[str]]:
 def results(name: str, seeds: Sequence[int], progress: Any = lambda *_: None) -> Iterator[Sourced]:
     """Results of a system, one or two of each seed."""
     content = case_content(name)
-    system = make_case({**content, "scenario": scenario()}, name).system
+    system = make_case({**content, "scenario": []}, name).system
     at, of, by_area = frequencies(system), elements(system), areas(system)
+    total = sum(x.P for x in system.loads)
+    sizes = {m.name: m.P or m.rating for m in system.machines} | {i.name: i.rating for i in system.inverters}
+    sizes |= {x.name: x.P for x in system.loads}
     buses = {unit.name: unit.bus for unit in system.units} | {x.name: x.bus for x in system.loads}
     for n, seed in enumerate(seeds):
         progress(n, len(seeds))
@@ -116,19 +126,16 @@ def results(name: str, seeds: Sequence[int], progress: Any = lambda *_: None) ->
         element = of[kind][draw.integers(len(of[kind]))]
         place = seed % len(PLACES)
         event = {"time": START, "kind": "forced_oscillation", kind: element, "frequency": at[place]}
-        event["amplitude"] = AMPLITUDES[kind][place]
-        record = loop.run(make_case({**content, "scenario": scenario(event), "seed": seed}, name))
+        event["amplitude"] = STRENGTH[place] * VOLTAGE
+        if kind != "exciter":
+            event["amplitude"] = min(MOST, STRENGTH[place] * POWER * total / sizes[element])
+        record = loop.run(make_case({**content, "scenario": [event], "seed": seed}, name))
         what = name, seed, kind, element, PLACES[place], at[place]
         bus = buses[element]
         if kind != "load" and _alone(system, bus):
             yield Sourced(*what, True, *_named(record, system, lambda cell: _near(system, cell, bus)))  # noqa: B023
         blind = record if kind == "load" else _without(record, system, bus)
         yield Sourced(*what, False, *_named(blind, system, lambda cell: cell.areas == [by_area[bus]]))  # noqa: B023
-
-
-def scenario(*events: dict[str, Any]) -> dict[str, Any]:
-    """A scenario, inline."""
-    return {"name": "sources", "events": list(events), "duration": DURATION}
 
 
 def _named(record: Record, system: System, is_right: Any) -> tuple[str, float, float, bool]:
@@ -189,16 +196,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="How often locate names the right source.")
     parser.add_argument("systems", nargs="*", default=list(GRIDS))
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
-    parser.add_argument("--count", type=int, default=COUNT, help="seeds of each system")
+    parser.add_argument("--count", type=int, help="seeds of each system")
     parser.add_argument("--out", default="results/sources", help="folder for results")
     arguments = parser.parse_args()
-    rows: list[Sourced] = []
+    folder, rows = files.new_folder(Path(arguments.out)), list[Sourced]()
     for name in arguments.systems:
         with Progress(name, "runs") as progress:
-            rows += results(name, range(arguments.first, arguments.first + arguments.count), progress)
-    folder = files.new_folder(Path(arguments.out))
-    text = [",".join(Sourced._fields), *(",".join(str(value).replace(",", ";") for value in row) for row in rows)]
-    write_whole(folder / "sources.csv", "\n".join([*text, ""]))
+            count = arguments.count or COUNT.get(name, 20)
+            rows += results(name, range(arguments.first, arguments.first + count), progress)
+        text = [",".join(Sourced._fields), *(",".join(str(value).replace(",", ";") for value in row) for row in rows)]
+        write_whole(folder / "sources.csv", "\n".join([*text, ""]))
     for by in (("with_pmu",), ("with_pmu", "system"), ("with_pmu", "kind"), ("with_pmu", "place")):
         show("\n".join([*table([*by, "right", "95 % interval"], rates(rows, *by), len(by)), ""]))
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 BAND = (0.1, 5.0)  # Hz, in which a frequency is sought
 FLOOR = 15  # lines of the spectrum, whose median is what an oscillation stands out of
-STANDS_OUT = 10.0  # factor of an oscillation's line on that median
+STANDS_OUT = 5.0  # factor of an oscillation's line on that median, at one place
 SMALL = 1e-6  # p.u., amplitude of power that is round-off
 CYCLES = 4  # least number of periods in a window
 SPANS = 4  # number of windows, side by side, in a long record; they overlap by half
@@ -89,9 +89,10 @@ def between(measured: Phasors, since: float, until: float) -> Phasors:
 
 
 def strongest(measured: Phasors, rate: float) -> float:
-    """Frequency of the strongest oscillation of the active powers, Hz, from their spectrum under a Hann window.
+    """Frequency of the oscillation that stands out most, Hz, from the spectra of the active powers under a Hann window.
 
-    `rate`: frames per second. Raises `InputError` if nothing stands out of the spectrum.
+    What counts is the line's ratio to the median of its neighbours at the place where it is largest: noise of a large
+    grid hides no oscillation that is strong at one plant. `rate`: frames per second. Raises `InputError` without any.
     """
     power = (measured.voltage * measured.current.conj()).real
     whole = power[:, np.isfinite(power).mean(axis=0) >= PRESENT]
@@ -103,15 +104,16 @@ def strongest(measured: Phasors, rate: float) -> float:
     trend = np.polynomial.polynomial.polyfit(t, filled, 2)
     level = filled - np.polynomial.polynomial.polyval(t, trend).T
     lines = np.abs(np.fft.rfft(level * np.hanning(n)[:, None], axis=0)) * 4.0 / n
-    size, frequency = np.sqrt((lines**2).sum(axis=1)), np.fft.rfftfreq(n, 1.0 / rate)
-    floor = np.array([np.median(size[max(0, k - FLOOR) : k + FLOOR + 1]) for k in range(len(size))])
-    inside = (frequency >= BAND[0]) & (frequency <= min(BAND[1], 0.4 * rate)) & (size > STANDS_OUT * floor)
-    inside &= size > SMALL
-    if not inside.any():
+    frequency = np.fft.rfftfreq(n, 1.0 / rate)
+    inside = np.flatnonzero((frequency >= BAND[0]) & (frequency <= min(BAND[1], 0.4 * rate)))
+    floor = np.array([np.median(lines[max(0, k - FLOOR) : k + FLOOR + 1], axis=0) for k in inside])
+    ratio = np.where(lines[inside] > SMALL, lines[inside] / np.maximum(floor, SMALL * 1e-3), 0.0)
+    if not ratio.max(initial=0.0) > STANDS_OUT:
         raise InputError(
             f"no oscillation between {BAND[0]:g} and {BAND[1]:g} Hz stands out of the spectrum; allowed: --frequency HZ"
         )
-    k = int(np.argmax(np.where(inside, size, 0.0)))
+    at, place = np.unravel_index(np.argmax(ratio), ratio.shape)
+    k, size = int(inside[at]), lines[:, place]
     below, here, above = (np.log(size[min(max(i, 0), len(size) - 1)] + 1e-300) for i in (k - 1, k, k + 1))
     bend = below - 2.0 * here + above
     return float(frequency[k] + (0.5 * (below - above) / bend if bend < 0.0 else 0.0) * rate / n)
