@@ -68,7 +68,6 @@ def test_source_without_a_pmu_is_named_by_its_area(
         (["--frequency", "13"], "--frequency: 13 given; allowed: above 0, below 12 Hz, 0.4 of the frame rate"),
         (["--since", "28"], "s given; allowed: at least"),
         (["--since", "40"], "no frames from 40 to 31.9667 s given"),
-        (["--until", "2", "--since", "1"], "no oscillation between 0.1 and 5 Hz stands out of the spectrum"),
     ],
     ids=str,
 )

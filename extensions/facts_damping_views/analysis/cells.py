@@ -33,7 +33,7 @@ class Cell(NamedTuple):
     units: list[str]
     loads: list[str]
     buses: list[str]  # without those of single units that a PMU separates from their bus
-    bus: str  # of the first unit, else the first of the buses, else one at the branch
+    bus: str  # of the first unit, else of the first load, else the first of all, else one at the branch
     areas: list[str]
 
 
@@ -133,6 +133,6 @@ def _cell(
     """A cell of some nodes."""
     units, buses, lines = ([name for kind, name in group if kind == sort] for sort in ("unit", "bus", "branch"))
     there = set(buses)
-    loads = [load.name for load in system.loads if load.bus in there]
-    stands = [*(at[name] for name in units), *buses] or [branches[lines[0]][0]]
-    return Cell(units, loads, buses, stands[0], sorted({area[bus] for bus in stands if bus in area}))
+    loads = {load.name: load.bus for load in system.loads if load.bus in there}
+    stands = [*(at[name] for name in units), *loads.values(), *buses] or [branches[lines[0]][0]]
+    return Cell(units, list(loads), buses, stands[0], sorted({area[bus] for bus in stands if bus in area}))

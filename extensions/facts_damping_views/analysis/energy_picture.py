@@ -72,7 +72,7 @@ def _units(axes: Axes, system: System, where: Location, at: Places) -> None:
         axes.plot(*at[place.cell.bus], "o", ms=size, color=colour, alpha=0.7, zorder=4, mew=0)
         if unit in named:
             label = f"{unit} {place.relative:+.2f}"
-            axes.annotate(label, tuple(at[place.cell.bus]), (7, -10), textcoords="offset points", fontsize=8, zorder=6)
+            axes.annotate(label, tuple(at[place.cell.bus]), (12, -16), textcoords="offset points", fontsize=8, zorder=6)
 
 
 def _arrows(axes: Axes, system: System, where: Location, at: Places) -> None:

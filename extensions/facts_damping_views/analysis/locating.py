@@ -140,7 +140,7 @@ def ranked(
     `out`: elements out of service; `inside`: buses, of which alone places count. Raises `InputError` if PMUs do not
     divide the grid.
     """
-    there = np.isfinite(measured.flow).all(axis=0)
+    there = np.asarray(np.isfinite(measured.flow).all(axis=0))
     grid = cells(system, [bool(ok) for ok in there], out)
     count = [c for c, cell in enumerate(grid.cells) if not inside or (cell.buses and set(cell.buses) <= inside)]
     flow = np.where(there, measured.flow, 0.0)
