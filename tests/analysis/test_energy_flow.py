@@ -36,8 +36,8 @@ def swing(frequency: float) -> Swing:
     x, delta, inertia, damping = 0.5, 0.4, (12.0 / OMEGA_0, 8.0 / OMEGA_0), (0.004, 0.02)
     stiffness = math.cos(delta) / x
     s = 2j * math.pi * frequency
-    own = np.diag([inertia[i] * s * s + damping[i] * s for i in range(2)])
-    matrix = own + stiffness * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    alone = np.diag([inertia[i] * s * s + damping[i] * s for i in range(2)])
+    matrix = alone + stiffness * np.array([[1.0, -1.0], [-1.0, 1.0]])
     phasor = np.linalg.solve(matrix, [1e-3, 0.0])
     moving = (phasor[None, :] * np.exp(s * T)[:, None]).real
     return Swing(np.array([delta, 0.0]) + moving, damping, np.asarray(s * phasor, np.complex128))
