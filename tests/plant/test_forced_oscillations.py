@@ -47,11 +47,13 @@ def controlled() -> System:
 
 
 def input_of(built: Built, element: dict[str, str]) -> NDArray[np.float64]:
-    """Derivative of the slopes by the relative power of a machine, or of a load that is a port."""
+    """Derivative of the slopes by the relative power of a machine or of a load that is a port, or by a setpoint."""
     slopes, work = [], workspace(built.plant, built.state)
     for size in (1e-5, -1e-5):
         if "machine" in element:
             work.forced[0] = size
+        elif "exciter" in element:
+            work.value[0] = size
         else:
             work.noise[0, 0] = size
         dx = np.zeros_like(built.state.x)
@@ -61,7 +63,7 @@ def input_of(built: Built, element: dict[str, str]) -> NDArray[np.float64]:
     return (slopes[0] - slopes[1]) / 2e-5
 
 
-@pytest.mark.parametrize("element", [{"machine": "G1"}, {"load": "load_2"}])
+@pytest.mark.parametrize("element", [{"machine": "G1"}, {"load": "load_2"}, {"exciter": "G3"}])
 @pytest.mark.parametrize("frequency", [0.4, 1.1])
 def test_speeds_are_those_of_the_linear_plant(element: dict[str, str], frequency: float) -> None:
     """Amplitude and phase within 1 %."""
