@@ -99,7 +99,7 @@ def _of_waves(fit: Fit, since: float, length: float) -> Origin:
         cause = _of_rate(omega / (2 * np.pi), poles[i].real, halves[i])
         motion = np.hypot(first.sum(axis=0).real, (poles @ first).real / omega)
         rest = float(np.linalg.norm(motion) / np.linalg.norm(waves[i]))
-        if cause.because == CONSTANT and rest < REST:
+        if rest < REST and abs(poles[i].real) < STEADY * omega:  # noise that is left makes intervals too narrow
             cause = cause._replace(kind=FORCED, because="it begins from rest, and its amplitude is constant")
         origins.append(cause)
     return min(origins, key=lambda one: (FORCED, UNDECIDED, NATURAL).index(one.kind))
