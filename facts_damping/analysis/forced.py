@@ -102,7 +102,7 @@ def _of_waves(fit: Fit, since: float, length: float) -> Origin:
         if rest < REST and abs(poles[i].real) < STEADY * omega:  # noise that is left makes intervals too narrow
             cause = cause._replace(kind=FORCED, because="it begins from rest, and its amplitude is constant")
         origins.append(cause)
-    return min(origins, key=lambda one: (FORCED, UNDECIDED, NATURAL).index(one.kind))
+    return min(origins, key=lambda cause: (FORCED, UNDECIDED, NATURAL).index(cause.kind))
 
 
 def _of_rate(hertz: float, rate: float, half: float) -> Origin:
@@ -128,7 +128,7 @@ def _in_noise(x: Floats, dt: float) -> Origin:
     strongest, peak = np.unravel_index(int(np.argmax(power)), power.shape)
     near = _nearest(tests[strongest][1], lines[peak])
     values, free = np.array([values for values, _ in tests]), len(y) - 2 * LAGS - 4
-    large = np.array([np.interp(frequencies, lines, one) for one in power]) >= LASTING * power.max()
+    large = np.array([np.interp(frequencies, lines, row) for row in power]) >= LASTING * power.max()
     best = float((values * large).max())
     if near.because != GROWTH and values.size / 4 * (1 + 2 * best / free) ** (-free / 2) < LEVEL:
         hertz = float(frequencies[np.argmax(values * large) % len(frequencies)])
@@ -149,7 +149,7 @@ def _line(y: Floats, step: float, frequencies: Floats) -> tuple[Floats, list[tup
     rest = now - q @ (q.T @ now)
     angles = 2 * np.pi * step * np.outer(np.arange(count), frequencies)
     cos, sin = (wave - q @ (q.T @ wave) for wave in (np.cos(angles), np.sin(angles)))
-    a, b, c = (np.sum(one * other, axis=0) for one, other in ((cos, cos), (sin, sin), (cos, sin)))
+    a, b, c = (np.sum(left * right, axis=0) for left, right in ((cos, cos), (sin, sin), (cos, sin)))
     u, v, squares = cos.T @ rest, sin.T @ rest, float(rest @ rest)
     gain = (b * u**2 - 2 * c * u * v + a * v**2) / np.maximum(a * b - c**2, 1e-9 * count**2)
     inverse = np.linalg.inv(r)

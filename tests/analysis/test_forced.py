@@ -50,7 +50,7 @@ def test_record_too_short_for_its_noise_is_undecided() -> None:
     assert swings(8.0, 1).kind == NONE
 
 
-def test_what_grows_until_a_limit_contains_it_is_natural() -> None:
+def test_growth_until_a_limit_contains_it_is_natural() -> None:
     t = np.arange(0, 60, 1 / RATE)
     grows, begins = 1e-3 / (1 + np.exp(-0.3 * (t - 15))), 1e-3 * (1 - np.exp(-0.1 * t))
     kinds = [origin(t, size * np.sin(2 * np.pi * 0.5 * t)).kind for size in (grows, begins)]
