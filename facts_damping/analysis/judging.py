@@ -1,4 +1,8 @@
-"""Verdict of a run: of its response to the events where there is a twin, of its modes in noise alone, or of itself."""
+"""Verdict of a run: of its response to the events where there is a twin, of its modes in noise alone, or of itself.
+
+What is not damped may be forced from outside of the loop (`forced`): then the verdict says so, as no damping control
+removes it.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from facts_damping.analysis import forced
 from facts_damping.analysis.effort import saturation_duty
+from facts_damping.analysis.measures import inline_system
 from facts_damping.analysis.modes.ambient import fit_ambient
 from facts_damping.analysis.modes.ringdown import SKIP, fit_ringdown, interval
 from facts_damping.analysis.response import MIRROR, PULSE_END, noisy
-from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, Judgement, envelopes, judge
+from facts_damping.analysis.verdict import DAMPED, FORCED, GROWING, LIMIT_CYCLE, UNDECIDED, Judgement, envelopes, judge
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,13 +51,36 @@ def judge_run(
 ) -> Judged:
     """Judge a run in synchronism.
 
-    `ringdown`, `noise`: give fits that were made already, of what is judged and of the run.
+    `ringdown`, `noise`: give fits that were made already, of what is judged and of the run. What may be a limit cycle
+    of setpoints at their limits is not called forced.
     """
+    duty = saturation_duty(record, max(swings.last, swings.time_s[-1] - LAST), swings.time_s[-1])
+    limited = max(duty.values(), default=0.0) > LIMITED
+    judged = _judge(record, twin, swings, ringdown, noise, limited=limited)
+    if limited or judged.judgement.verdict == DAMPED or judged.of == PULSE:
+        return judged
+    for x in (swings.judged, swings.own):
+        origin = forced.origin(swings.time_s[: len(x)], x, swings.last)
+        if origin.kind == forced.FORCED:
+            because = forced.words(origin, inline_system(record.configuration).get("frequency"))
+            return judged._replace(judgement=judged.judgement._replace(verdict=FORCED, because=because))
+    return judged
+
+
+def _judge(
+    record: Record,
+    twin: Twin | None,
+    swings: Swings,
+    ringdown: Callable[[], Fit | None] | None,
+    noise: Callable[[], Fit | None] | None,
+    *,
+    limited: bool,
+) -> Judged:
+    """The verdict by growth and decay alone."""
     t, last = swings.time_s, swings.last
     if swings.times and twin is not None:
         ringdown = ringdown or cache(lambda: fit_ringdown(t[: swings.ringing], swings.judged[: swings.ringing], last))
-        duty = saturation_duty(record, max(last, t[-1] - LAST), t[-1])
-        return judge_response(swings, ringdown, limited=max(duty.values(), default=0.0) > LIMITED)
+        return judge_response(swings, ringdown, limited=limited)
     if not swings.times and (twin is not None or record.configuration.get("load_noise")):
         return judge_ambient(noise() if noise else fit_ambient(t, swings.own), swings)
     itself = judge(t, swings.own, last, swings.names, ringdown)

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from facts_damping.analysis.modes.ringdown import Fit
 
 DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, LOST = "damped", "growing", "limit cycle", "undecided", "lost synchronism"
+FORCED = "forced oscillation"  # of a run (`judging`), in place of those of ORDER but damped
 ORDER = (GROWING, LIMIT_CYCLE, UNDECIDED, DAMPED)  # worst first: the worst verdict of any signal is the run's
 HANN = 4.0  # s, window length: one period at 0.25 Hz, the slowest mode considered
 HOP = 0.5  # s, between windows

@@ -141,7 +141,7 @@ class Story:
         self.released: tuple[str, ...] = ()
         self.states = dict[str, str]()  # of supervisors, by controller
         self.dead: set[str] = set()
-        self._frequencies = ""
+        self._frequencies = self._forced = ""
 
     def on_event(self, grid_change: GridEvent) -> list[Event]:
         """An event of the grid."""
@@ -210,6 +210,11 @@ class Story:
                 self._frequencies = f"{ends[0]:.1f} Hz at {low}, {ends[1]:.1f} Hz at {high}"
         return [event(t, f"frequencies: {self._frequencies}", "error")] if self._frequencies and not before else []
 
+    def on_forced(self, t: float, text: str) -> list[Event]:
+        """A forced oscillation in words; empty: there is none any more, or it cannot be told."""
+        before, self._forced = self._forced, text
+        return [event(t, f"forced oscillation: {text}", "warn")] if text and not before else []
+
     def shown(self) -> dict[str, list[str]]:
         """Names of the branches out of service, and of the released devices."""
         return {"out": sorted(self.grid.lines_out), "released": sorted(self.released)}
@@ -221,6 +226,7 @@ class Story:
         return [
             *(["the grid has split"] if split else []),
             *([self._frequencies] if self._frequencies else []),
+            *(["forced oscillation"] if self._forced else []),
             *(f"{name} dead" for name in sorted(self.dead)),
             *(f"{name} released" for name in self.released),
             *tripped,

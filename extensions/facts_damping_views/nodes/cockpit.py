@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 PERIOD_S = 1.0 / samples.RATE
 STATUS_S = 1.0  # wall time between two states of the run, and between two estimates of modes
+LOOK_S = 10.0  # between two looks for a forced oscillation
 SILENT_S = 2.0  # wall time without its messages after which a node counts as dead
 EVENTS = "plant/events"
 EVERY = (EVENTS, CHANGES, RUN_STATE, DIAGNOSTICS, REFUSALS)  # topics of which every message counts, not the newest
@@ -243,6 +244,7 @@ class Cockpit:
         nodes = {name: "alive" if alive.get(name) else "dead" for name in self.panel.shown["nodes"] if name in alive}
         self.tell(self.story.on_nodes(self.time_s, [name for name, state in nodes.items() if state == "dead"]))
         self.tell(self.story.on_frequencies(self.time_s, self.values.frequencies()))
+        self.tell(self.story.on_forced(self.time_s, self.values.forced))
         modes = [{"label": name, **mode} for name, mode in self.values.modes.items()]
         shown = {"run": self.state, "reason": self.reason, "nodes": nodes, "states": dict(self.story.states)}
         shown |= {"wrong": self.story.wrong()}
@@ -270,7 +272,7 @@ class Cockpit:
         self.log.info("open in a browser: the address on standard output")
         due = status_due = clock.monotonic()
         with ThreadPoolExecutor(1) as beside:
-            estimating = beside.submit(dict[str, Any])
+            estimating, looking, looked_s = beside.submit(dict[str, Any]), beside.submit(str), 0.0
             try:
                 while True:
                     check_wanted()
@@ -284,6 +286,12 @@ class Cockpit:
                             self.values.modes = estimating.result()
                             arguments = self.values.history(), self.panel.modes, self.event_s, self.panel.frequency
                             estimating = beside.submit(samples.estimates, *arguments)
+                        if looking.done():
+                            self.values.forced = looking.result()
+                            if abs(self.time_s - looked_s) >= LOOK_S:  # it may have begun again
+                                looked_s, history = self.time_s, self.values.history()
+                                of = history, self.event_s, self.panel.frequency
+                                looking = beside.submit(samples.forced_oscillation, *of)
                     due = max(due + PERIOD_S, clock.monotonic())
                     clock.sleep(max(0.0, due - clock.monotonic()))
             finally:

@@ -227,6 +227,15 @@ def test_damping_is_estimated_from_the_last_seconds_and_after_events_anew() -> N
     assert samples.estimate(time_s, 0.0 * signal, -1.0, 60.0) is None
 
 
+def test_forced_oscillation_in_the_last_minute_is_told() -> None:
+    rng, time_s = np.random.default_rng(1), np.arange(0.0, 60.0, 1 / samples.RATE)
+    signal, line = 2.0 * rng.normal(size=len(time_s)), 12.0 * np.sin(2 * np.pi * 0.8 * time_s)
+    text = samples.forced_oscillation(np.column_stack([time_s, signal + line, np.nan * line]), -1.0, 60.0)
+    assert text.startswith("0.80 Hz, 12")
+    assert samples.forced_oscillation(np.column_stack([time_s, signal]), -1.0, 60.0) == ""
+    assert samples.forced_oscillation(np.zeros((0, 2)), -1.0, 60.0) == ""
+
+
 def test_curves_of_a_record_are_its_columns_at_twenty_a_second() -> None:
     case = load_case("two_area_deployment", ["duration=4"])
     record = loop.run(case)

@@ -116,11 +116,13 @@ def test_run_that_is_not_well_says_why() -> None:
     events += story.on_nodes(1.0, ["wan_link"]) + story.on_devices(1.0, ["sssc"])
     events += story.on_supervision(1.0, "controller", "tripped", "device")
     events += story.on_frequencies(1.0, {"B1": 62.04, "B4": 58.0, "B5": float("nan")})
-    assert [event["level"] for event in events[1:]] == ["error", "error", "warn", "error", "error"]
+    events += story.on_forced(1.0, "0.63 Hz, 12 mHz; damping control does not remove it")
+    assert [event["level"] for event in events[1:]] == ["error", "error", "warn", "error", "error", "warn"]
     split = ["the grid has split", "58.0 Hz at B4, 62.0 Hz at B1"]
-    assert story.wrong() == [*split, "wan_link dead", "sssc released", "controller tripped"]
+    assert story.wrong() == [*split, "forced oscillation", "wan_link dead", "sssc released", "controller tripped"]
     assert story.on_nodes(2.0, [])[0]["text"] == "wan_link is alive again"
     assert story.on_frequencies(2.0, {"B1": 60.0}) == []
+    assert story.on_forced(2.0, "") == []
     story.on_devices(2.0, [])
     story.on_supervision(2.0, "controller", "shadow", "operator")
     story.on_change(RunChange(120, "/plant_sim", "plant", 0, "reset", "", None))
