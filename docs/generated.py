@@ -77,6 +77,7 @@ BESIDE = {
     "security.md": "SECURITY.md",
     "changelog.md": "CHANGELOG.md",
     "library.md": "extensions/facts_damping_library/README.md",
+    "storms.md": "extensions/facts_damping_testing/README.md",
 }  # at the top
 LIBRARY = "../extensions/facts_damping_library/README.md"
 CONTROLS = "Block controls"
@@ -122,7 +123,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def _moved(text: str) -> str:
     """A page from beside docs/: its links are those of a page in it; what is no page is named only."""
-    text = re.sub(r"\]\((?:\.\./\.\./)?docs/", "](", text)
+    text = re.sub(r"\]\((?:\.\./\.\./)?(?:docs/)?", "](", text)
     for name, file in BESIDE.items():
         text = text.replace(f"]({file}", f"]({name}")
     return re.sub(r"\[([^\]]+)\]\((?:docs|LICENSE|CITATION\.cff)\)", r"\1", text)

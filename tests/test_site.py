@@ -47,7 +47,7 @@ def test_links_of_pages_lead_to_files_in_the_checkout() -> None:
     """As GitHub and an editor follow them; the site checks its own, and the places in pages."""
     links = [
         (page, target)
-        for page in [*PAGES, ROOT / "CHANGELOG.md"]
+        for page in [*PAGES, ROOT / "CHANGELOG.md", *(ROOT / "extensions").glob("*/README.md")]
         for target in re.findall(r"\]\(([^)\s#]+)[^)]*\)", _without_code(page.read_text(encoding="utf-8")))
         if "://" not in target and not target.startswith("mailto:")
     ]

@@ -1,17 +1,19 @@
 """The HVDC link: ordered power from one bus to another, reduced at low voltage; compiled.
 
 Its first port is at the inverter's bus, into which it feeds power; the other one is at the rectifier's. A setpoint is
-added to the power order (docs/facts_devices.md).
+added to the power order, and in AC emulation what the angle between its ends asks for (docs/facts_devices.md).
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Literal
 
 from facts_damping.compiling import compiled
 from facts_damping.devices.base import KIND, Transmission
 from facts_damping.devices.kind import DeviceKind, OtherEnd, Shown, Site, Start, table
 from facts_damping.devices.power_at_bus import beside, power_fraction
+from facts_damping.elementary import phase
 from facts_damping.errors import InputError
 from facts_damping.fields import quantity
 
@@ -57,6 +59,10 @@ class Hvdc(Transmission):
     T: float = quantity(
         0.02, "s", "time constant with which each end learns of the voltage at the other end", ge=0.001, le=10
     )
+    K: float = quantity(
+        0.0, "MW", "AC emulation: power per degree of the angle between `from` and `to`; 0: none", ge=0, le=1e4
+    )
+    T_angle: float = quantity(1.0, "s", "AC emulation: time constant of the measured angle", ge=0.001, le=1000)
 
     def check(self) -> None:
         """Raise `ValueError` where fields contradict each other."""
@@ -66,10 +72,11 @@ class Hvdc(Transmission):
             raise ValueError(f"P_min below 0 needs loss 0, R 0, pf_from 1 and pf_to 1, given {self.P_min:g}")
 
 
-STATES = ["V_to", "V_from"]
+STATES = ["V_to", "V_from", "angle"]  # the last in AC emulation alone
 POWERS = ("P", "P_min", "P_max")
-FIELDS = ("loss", "R", "V_min", "T")
-TABLE = table(*POWERS, *FIELDS, "q_to", "q_from")  # the last: reactive power drawn, relative to the active power
+FIELDS = ("loss", "R", "V_min", "T", "T_angle")
+# The last: reactive power drawn, relative to the active power; power per angle, p.u./rad; the angle at the start, rad.
+TABLE = table(*POWERS, *FIELDS, "q_to", "q_from", "K", "angle")
 
 
 def consumed_power(device: Hvdc, _voltages: Sequence[float], base_power: float) -> list[complex]:
@@ -89,18 +96,20 @@ def start(device: Hvdc, site: Site) -> Start:
             )
     powers = (getattr(device, name) / site.base_power for name in POWERS)
     others = (getattr(device, name) for name in FIELDS)
-    row = (site.offset, *powers, *others, beside(device.pf_to), beside(device.pf_from))
-    return Start(row, [site.size, site.other], 0.0)
+    K = math.degrees(device.K) / site.base_power
+    row = (site.offset, *powers, *others, beside(device.pf_to), beside(device.pf_from), K, site.angle)
+    return Start(row, [site.size, site.other, *([site.angle] if K > 0.0 else [])], 0.0)
 
 
 @compiled
 def power(d: Any, x: Float1, u: float, voltage: float) -> tuple[float, float]:
     """Power at the rectifier by the voltage of one end's bus, and its derivative by that voltage; p.u.
 
-    P = clip(P0 + u, P_min, P_max) min(fraction(V), fraction(V_to), fraction(V_from)). V_to and V_from are states: the
-    lagged voltages known to both ends.
+    P = clip(P0 + u + K (angle - angle0), P_min, P_max) min(fraction(V), fraction(V_to), fraction(V_from)). V_to, V_from
+    and angle are states: the lagged voltages known to both ends, and the lagged angle between them.
     """
-    order = min(max(d.P + u, d.P_min), d.P_max)
+    emulated = d.K * (x[d.offset + 2] - d.angle) if d.K > 0.0 else 0.0
+    order = min(max(d.P + u + emulated, d.P_min), d.P_max)
     known = min(power_fraction(x[d.offset], d.V_min), power_fraction(x[d.offset + 1], d.V_min))
     here = power_fraction(voltage, d.V_min)
     if here < known:
@@ -146,7 +155,15 @@ def from_derivatives(device: Any, x: Float1, _u: float, voltage: float, dx: Floa
     dx[d.offset + 1] = (voltage - x[d.offset + 1]) / d.T
 
 
-OTHER = OtherEnd(from_end, from_derivatives)
+@compiled
+def angle_derivatives(device: Any, x: Float1, at_to: complex, at_from: complex, dx: Float1) -> None:
+    """Write the derivative of the lagged angle by which `from` leads, rad/s: T_angle d(angle) = leads - angle."""
+    d = device.hvdc
+    if d.K > 0.0:
+        dx[d.offset + 2] = (phase(at_from * at_to.conjugate()) - x[d.offset + 2]) / d.T_angle
+
+
+OTHER = OtherEnd(from_end, from_derivatives, angle_derivatives)
 SHOWN = Shown(
     "HVDC link",
     "power added to the order",

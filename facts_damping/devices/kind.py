@@ -26,6 +26,7 @@ class Site(NamedTuple):
     base_power: float = math.nan  # MVA
     machine: int = -1  # index of the machine or inverter of a device without a port
     inverter: int = -1
+    angle: float = math.nan  # rad, by which its second bus leads its first
 
 
 class Start(NamedTuple):
@@ -70,10 +71,14 @@ def no_source(_d: Any, _x: Float1, _u: float, _size: float) -> tuple[complex, co
 
 
 class OtherEnd(NamedTuple):
-    """A device's port at a second bus: functions of the voltage there, for its states that depend on it."""
+    """A device's port at a second bus: functions of the voltage there, for its states that depend on it.
+
+    `between(d, x, first, second, dx)`, for states that depend on the voltages of both buses, p.u.
+    """
 
     characteristic: Callable[..., tuple[complex, complex]]
     derivatives: Callable[..., None]
+    between: Callable[..., None]
 
 
 class Shown(NamedTuple):
@@ -90,6 +95,8 @@ class Shown(NamedTuple):
 
 class DeviceKind(NamedTuple):
     """A kind of device: fields of its table, names of its states, its initial state, its functions, and its words.
+
+    A device has as many of the states, the first ones, as its start has.
 
     Arguments of the compiled functions: `d`, a row of DEVICE (the kind's own fields are in the field of its name); `x`,
     the plant's states; `u`, the reference after the response time; `size`, the magnitude of the port's response

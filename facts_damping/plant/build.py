@@ -230,7 +230,7 @@ def _devices(
 ) -> NDArray[Any]:
     rows = np.zeros(len(installed), dispatch.DEVICE)
     for d, device in enumerate(installed):
-        machine, inverter, places, sizes = -1, -1, list[Place](), [math.nan]
+        machine, inverter, places, sizes, angle = -1, -1, list[Place](), [math.nan], 0.0
         if isinstance(device, AtInverter):
             inverter = [i.name for i in system.inverters].index(device.inverter)
         elif isinstance(device, AtMachine):
@@ -239,12 +239,14 @@ def _devices(
             places, sizes = [Place(device=device)], [flow.currents[device.name]]
         else:
             places, sizes = [Place(bus) for bus in device.buses], [voltages[bus] for bus in device.buses]
+            angle = phase(flow.by_bus[device.buses[-1]] * flow.by_bus[device.buses[0]].conjugate())
         omega_0, at_controls = 2 * math.pi * system.frequency, (machine, inverter)
-        site = Site(states.offset, omega_0, sizes[0], sizes[-1], system.base_power, *at_controls)
+        site = Site(states.offset, omega_0, sizes[0], sizes[-1], system.base_power, *at_controls, angle)
         start = dispatch.install(rows[d], device, site)
         rows[d]["port"] = ports.add(DEVICE, d, places[0], start.minimum, start.maximum) if places else -1
         for place in places[1:]:
             rows[d]["other"] = ports.add(OTHER_END, d, place)
-        names = [*KINDS[device.kind].states, *(["reference"] if device.response_time > 0.0 else [])]
-        states.add(device.name, names, [*start.states, *([0.0] * (len(names) - len(start.states)))])
+        names = KINDS[device.kind].states[: len(start.states)]
+        lag = ["reference"] if device.response_time > 0.0 else []
+        states.add(device.name, [*names, *lag], [*start.states, *(0.0 for _ in lag)])
     return rows

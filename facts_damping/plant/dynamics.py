@@ -210,6 +210,7 @@ def _port_derivatives(plant: Plant, x: Float1, reference: Float1, dx: Float1, wo
             dispatch.derivatives(d.kind, d, x, u, magnitude(work.response[d.port]), dx)
             if d.other > 0:
                 dispatch.other_derivatives(d.kind, d, x, u, magnitude(work.response[d.other]), dx)
+                dispatch.between_derivatives(d.kind, d, x, work.response[d.port], work.response[d.other], dx)
 
 
 AT = len(SENSED)

@@ -25,7 +25,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "sssc": {"line": "line_1", **LIMITS},
     "statcom": {"bus": "B9", "I_max": 1.0, "Ki": 100.0, **LIMITS},
     "svc": {"bus": "B9", "B_max": 2.0, "B_min": -1.0, "K": 25.0, **LIMITS},
-    "hvdc": {"from": "B7", "to": "B9", "P": 50.0, "P_max": 90.0, "pf_from": 0.9, "pf_to": 0.6, **LIMITS},
+    "hvdc": {"from": "B7", "to": "B9", "P": 50.0, "P_max": 90.0, "pf_from": 0.9, "pf_to": 0.6, "K": 2.0, **LIMITS},
     "load_modulation": {"bus": "B9", "pf": 0.6, **LIMITS},
     "tcsc": {"line": "line_2", "X": 0.004, "X_min": 0.0, "X_max": 0.1, **LIMITS},
     "exciter_input": {"machine": "G1", **LIMITS},
@@ -76,6 +76,7 @@ def test_device_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     dx = np.full_like(x, np.nan)
     dispatch.derivatives(int(d["kind"]), d, x, 0.01, size, dx)
     dispatch.other_derivatives(int(d["kind"]), d, x, 0.01, size, dx)
+    dispatch.between_derivatives(int(d["kind"]), d, x, 1.0 + 0.0j, 0.9 + 0.1j, dx)
     assert list(np.flatnonzero(np.isfinite(dx))) == states_of(built, f"{kind}_1")
     assert len(states_of(built, f"{kind}_1")) == d["states"] == len(TABLE[kind].states)
     assert np.isfinite(dispatch.characteristic(int(d["kind"]), d, x, 0.01, size)).all()

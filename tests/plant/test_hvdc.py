@@ -145,6 +145,23 @@ def test_its_modulation_is_that_of_the_swing_equation(
     assert minimum.real == pytest.approx(-gain * slope / 2.0, rel=1e-3)
 
 
+def test_in_ac_emulation_it_follows_the_angle_between_its_ends() -> None:
+    """At an infinite bus: P = P0 + u + K (a(P) - a(P0)) at rest; its eigenvalue is (K da/dP - 1) / T_angle."""
+    T, K, u = 0.05, 100.0, 0.2
+    system = link(P=100.0, K=K, T_angle=T)
+    built = plant(system, installed=["hvdc"])
+    trace = follow(built, [0.0, 20.0 * T], [(0.0, u)])
+
+    def angle(P: float) -> float:
+        return -float(np.arcsin(SPUR * P / at_constant_power(P, 0.0)))
+
+    power, gain = -trace.frames[-1, AT_S, ACTIVE], np.rad2deg(K) / 100.0
+    assert power == pytest.approx(1.0 + u + gain * (angle(power) - angle(1.0)), abs=1e-8)
+    assert power < 1.0 + 0.5 * u
+    k, slope = built.state_names.index("hvdc.angle"), (angle(1.0 + 1e-5) - angle(1.0 - 1e-5)) / 2e-5
+    assert linearise(built)[0][k, k] == pytest.approx((gain * slope - 1.0) / T, rel=1e-5)
+
+
 @cache
 def as_loads() -> System:
     """two_area_hvdc with loads of constant power, one of them negative, in the place of its link."""

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from facts_damping.devices.base import Transmission
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import shipped as names
 from facts_damping.plant.grid.power_flow import TOLERANCE, solve
@@ -44,6 +45,7 @@ def test_rows_of_buses_add_up(name: str) -> None:
     rows = {row["name"]: row for row in flow.buses(system.base_power)}
     busy = {m.bus for m in system.machines} | {load.bus for load in system.loads}
     busy |= {infinite.bus for infinite in system.infinite_buses}
+    busy |= {bus for d in system.devices if isinstance(d, Transmission) for bus in d.buses}
     assert all(abs(row["p_mw"]) + abs(row["q_mvar"]) == 0 for bus, row in rows.items() if bus not in busy)
     for m in system.machines:
         assert rows[m.bus]["v_pu"] == pytest.approx(m.V, abs=1e-12)

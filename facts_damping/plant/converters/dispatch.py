@@ -43,11 +43,11 @@ def install(row: Any, device: Device, site: Site) -> Start:
     """Fill a row of DEVICE, except its port, with a device at rest."""
     kind = KINDS[device.kind]
     start = kind.start(device, site)
-    row["kind"], row["offset"], row["states"] = CODES[device.kind], site.offset, len(kind.states)
+    row["kind"], row["offset"], row["states"] = CODES[device.kind], site.offset, len(start.states)
     row["setpoint_max"], row["rate_max"] = device.setpoint_max, device.rate_max
     row["machine"], row["inverter"] = site.machine, site.inverter
     row["dead_ns"], row["response_time"] = to_ns(device.dead_time), device.response_time
-    row["lag"] = site.offset + len(kind.states)
+    row["lag"] = site.offset + len(start.states)
     row[device.kind] = start.row
     return start
 
@@ -77,9 +77,10 @@ def _unknown(_d: Any, _x: Float1, _u: float, _size: float) -> tuple[complex, com
 
 
 # Compiled functions of a kind's code and the arguments of `DeviceKind`.
-_other_ends = [kind.other_end or OtherEnd(_unknown, at_rest) for kind in KINDS.values()]
+_other_ends = [kind.other_end or OtherEnd(_unknown, at_rest, at_rest) for kind in KINDS.values()]
 characteristic = branching([*(kind.characteristic for kind in KINDS.values()), _unknown])
 derivatives = branching([kind.derivatives for kind in KINDS.values()])
 truth = branching([kind.truth for kind in KINDS.values()])
 other_characteristic = branching([*(end.characteristic for end in _other_ends), _unknown])
 other_derivatives = branching([end.derivatives for end in _other_ends])
+between_derivatives = branching([end.between for end in _other_ends])
