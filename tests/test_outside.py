@@ -52,7 +52,7 @@ FILES = {
     "nodes/launching/processes.py": "what nodes say",
     "facts_damping_testing/loopback": "writes what nodes say; reads parameter files of the command line",
     "facts_damping_testing/tap_relay.py": "opens a device of the system's for virtual networks, by its name",
-    "recording/export.py": "writes",
+    "facts_damping_views/exporting.py": "writes",
     "recording/schemas.py": "reads installed definitions of messages",
     "recording/writer.py": "writes",
     "simulation/programs/fmus.py": "unpacks what the door has read",

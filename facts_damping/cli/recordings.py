@@ -1,19 +1,17 @@
-"""The commands `replay` and `export`."""
+"""The command `replay`."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.case import loading
 from facts_damping.cli.reporting import say
 from facts_damping.cli.runs import out_folder
 from facts_damping.digest import digest
 from facts_damping.errors import InputError, RunError
-from facts_damping.extensions import given
 from facts_damping.output.tables import table
 from facts_damping.output.terminal import Progress, note
-from facts_damping.output.writing import write_json, write_whole
+from facts_damping.output.writing import write_json
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.simulation.replaying import replay as again
@@ -147,26 +145,3 @@ def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], f
     limits = {name: case.system.device(name).setpoint_max for name in case.run.devices}
     names = ", ".join(record.controller_names) or "none", ", ".join(played.controller_names)
     return shadow.plot(played.time_s, grids, limits, names, folder / "setpoints.png")
-
-
-def export(arguments: argparse.Namespace) -> None:
-    """Write all signals of a recording, one row per tick; or a system for other programs."""
-    from facts_damping.recording.export import KINDS, write
-    from facts_damping.recording.reader import load
-
-    path, of_system = Path(arguments.out), {f".{name}": row for name, row in given("exports").items()}
-    if path.suffix not in (*KINDS, *of_system):
-        *others, last = [*KINDS, *of_system]
-        raise InputError(f"--out {path}: given; allowed: a file that ends with {', '.join(others)} or {last}")
-    files.check_writable(str(path), "--out")
-    if path.suffix in of_system:
-        system = loading.load_system(arguments.what)
-        write_whole(path, of_system[path.suffix].load()(system, path))
-        inverters = f", {len(system.inverters)} inverters" if system.inverters else ""
-        say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines{inverters}: {path}")
-        return
-    record = load(arguments.what)
-    write(record, path)
-    for line in record.notes:
-        note(f"{arguments.what}: {line}")
-    say(arguments, f"{len(record.time_ns)} ticks, {len(record.arrays)} columns: {path}")

@@ -1,24 +1,52 @@
-"""Writes a record as a table for other programs: one row per tick, one column per quantity."""
+"""The command `export`: a recording as a table, one row per tick, one column per quantity; a system for others."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 from pyarrow import csv, parquet
 
-from facts_damping.output.writing import replacing
+from facts_damping.case import loading
+from facts_damping.cli.reporting import say
+from facts_damping.errors import InputError
+from facts_damping.extensions import given
+from facts_damping.output.terminal import note
+from facts_damping.output.writing import replacing, write_whole
+from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.recording.reader import load
 from facts_damping.recording.writer import writing
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    import argparse
 
     from facts_damping.record import Record
 
 ANDES = ".lst"
 KINDS = (".parquet", ".csv", ANDES)
+
+
+def export(arguments: argparse.Namespace) -> None:
+    """Write all signals of a recording, one row per tick; or a system for other programs."""
+    path, of_system = Path(arguments.out), {f".{name}": row for name, row in given("exports").items()}
+    if path.suffix not in (*KINDS, *of_system):
+        *others, last = [*KINDS, *of_system]
+        raise InputError(f"--out {path}: given; allowed: a file that ends with {', '.join(others)} or {last}")
+    files.check_writable(str(path), "--out")
+    if path.suffix in of_system:
+        system = loading.load_system(arguments.what)
+        write_whole(path, of_system[path.suffix].load()(system, path))
+        inverters = f", {len(system.inverters)} inverters" if system.inverters else ""
+        say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines{inverters}: {path}")
+        return
+    record = load(arguments.what)
+    write(record, path)
+    for line in record.notes:
+        note(f"{arguments.what}: {line}")
+    say(arguments, f"{len(record.time_ns)} ticks, {len(record.arrays)} columns: {path}")
 
 
 def write(record: Record, path: Path) -> None:
