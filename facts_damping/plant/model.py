@@ -115,6 +115,7 @@ class Work(Struct):
     source: Complex1  # (ports,), of a solution that is not stored in the state
     source_before: Complex1  # (ports,), of the solution half a step before
     phasors: Complex2  # (PMUs, 2), voltages and currents of the PMUs, p.u.
+    samples: Complex3  # (instants, PMUs, 2), likewise, within a call of `advance`
     noise: Float2  # (loads, 2), relative, of P and Q, current values, with forced oscillations
     noise_start: Float2  # values at the start of the current segment of its grid
     noise_slope: Float2  # 1/s
@@ -128,8 +129,8 @@ class Work(Struct):
     inverter_turn: Complex1  # (inverters,), direction of its angle
 
 
-def workspace(plant: Plant, state: PlantState) -> Work:
-    """Arrays of the right size for `plant`."""
+def workspace(plant: Plant, state: PlantState, samples: int = 0) -> Work:
+    """Arrays of the right size for `plant`; `samples`: of the PMUs within a call of `advance`."""
     machines, ports = len(plant.machines), len(plant.ports)
     inputs = machines + len(plant.infinite) + ports
     most_rows = int((plant.inverters["end"] - plant.inverters["first"]).max(initial=0))
@@ -156,6 +157,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(ports, np.complex128),
         np.zeros(ports, np.complex128),
         np.zeros((len(plant.pmu_machine), 2), np.complex128),
+        np.zeros((samples, len(plant.pmu_machine), 2), np.complex128),
         np.zeros((len(plant.loads), 2)),
         np.zeros((len(plant.loads), 2)),
         np.zeros((len(plant.loads), 2)),
