@@ -47,11 +47,10 @@ def _slopes(plant: Plant, state: PlantState, ramp: Float1, interval: int, elapse
                 trial[i] = x[i] + fraction * k[part - 1, i]
             _move_inputs(plant, state, ramp, elapsed, fraction, work)
         if large:
-            _extrapolate(state.source, state.source_change, part, work.source_before)
+            _extrapolate(state, part, 0.5 * h, work.source_before)
         derivatives(plant, trial, reference, state.source, interval, k[part], work)
     if large:
-        for p in range(state.source.size):
-            state.source_change[p] = state.source[p] - work.source_before[p]
+        _keep_rates(state, 0.5 * h, work.source_before)
 
 
 @compiled
@@ -85,8 +84,13 @@ def _take_sample(
     for i in range(x.size):
         work.trial[i] = x[i] + h * (first * k[0, i] + middle * (k[1, i] + k[2, i]) + last * k[3, i])
     _move_inputs(plant, state, ramp, elapsed, seconds, work)
+    large, half = len(plant.sparse_networks) > 0, 0.5 * h
     for p in range(work.source.size):
         work.source[p] = state.source[p]
+        if large:  # the square through the begin, half way and the end
+            beyond = (seconds - half) / half
+            mean = state.source_rate[p] + 0.5 * (beyond - 1.0) * state.source_bend[p]
+            work.source[p] = work.source_before[p] + beyond * half * mean
     solve_network(plant, work.trial, work.reference, work.source, interval, work)
 
 
@@ -107,16 +111,26 @@ def _finish(plant: Plant, state: PlantState, ramp: Float1, h: float, work: Work)
 
 
 @compiled
-def _extrapolate(source: Complex1, change: Complex1, part: int, before: Complex1) -> None:
-    """Move the ports' sources to the end of the coming half step: by their change in the last one."""
+def _extrapolate(state: PlantState, part: int, half: float, before: Complex1) -> None:
+    """Move the ports' sources to the end of the coming half step, of `half` s, by their rates in the last two."""
+    source, rate, bend = state.source, state.source_rate, state.source_bend
     for p in range(source.size):
         if part == 1:
             before[p] = source[p]
-            source[p] += change[p]
+            source[p] += half * (rate[p] + bend[p])
         elif part == 3:
             half_way = source[p]
-            source[p] += half_way - before[p]
+            bend[p] = (half_way - before[p]) / half
+            source[p] += half * (2.0 * bend[p] - rate[p])
             before[p] = half_way
+
+
+@compiled
+def _keep_rates(state: PlantState, half: float, half_way: Complex1) -> None:
+    """Write the rates of the ports' sources in the second half of a step, and their change from the first."""
+    for p in range(state.source.size):
+        state.source_rate[p] = (state.source[p] - half_way[p]) / half
+        state.source_bend[p] = state.source_rate[p] - state.source_bend[p]
 
 
 @compiled

@@ -79,7 +79,8 @@ class PlantState(Struct):
     """State of a plant: `x` in the kernels' order, and the reference of each device and its target, p.u.
 
     `watch`: state of the watchdogs; `under_way`: setpoints in their dead times. `source`: the last solution of the
-    ports' sources (p.u.), from which the next one starts; `source_change`: over the last half step, of a large grid.
+    ports' sources (p.u.), from which the next one starts; of a large grid `source_rate`, in the last half step, and
+    `source_bend`, by how much it was another in the half step before, p.u./s.
     """
 
     x: Float1
@@ -87,7 +88,8 @@ class PlantState(Struct):
     target: Float1
     watch: Annotated[NDArray[Any], Array(WATCH, 1)]  # watchdog.WATCH
     source: Complex1
-    source_change: Complex1
+    source_rate: Complex1
+    source_bend: Complex1
     under_way: Annotated[NDArray[Any], Array(UNDER_WAY, 2)]  # watchdog.UNDER_WAY, (devices, room)
     waiting: Int1  # (devices,), number of setpoints in `under_way`
 
@@ -182,7 +184,7 @@ def fitted(state: PlantState, plant: Plant) -> PlantState:
     if len(state.source) == len(plant.ports):
         return state
     none = np.zeros(len(plant.ports), np.complex128)
-    return state._replace(source=none, source_change=none.copy())
+    return state._replace(source=none, source_rate=none.copy(), source_bend=none.copy())
 
 
 @compiled
@@ -197,5 +199,6 @@ def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
         interval += 1
     if plant.interval_start_ns[interval] == time_ns and plant.inverters.size == 0:
         state.source[:] = 0.0
-        state.source_change[:] = 0.0
+        state.source_rate[:] = 0.0
+        state.source_bend[:] = 0.0
     return interval
