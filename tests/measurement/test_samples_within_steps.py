@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.record import Record
 from facts_damping.simulation.loop import run
+
+if TYPE_CHECKING:
+    from facts_damping.record import Record
 
 FAULT = "scenario=[{time: 1.0, kind: fault, bus: B8, duration: 0.0625}, {time: 1.5018, kind: line_out, line: line_3}]"
 
@@ -17,7 +20,13 @@ FAULT = "scenario=[{time: 1.0, kind: fault, bus: B8, duration: 0.0625}, {time: 1
 @cache
 def seen(rate: int) -> Record:
     """A run with steps of 1/rate s; P class takes 480 samples/s."""
-    system = ["system=kundur_12_6_thyristor_pss", "devices=[]", "controllers=[]", "measurement={filter: p_class}", FAULT]
+    system = [
+        "system=kundur_12_6_thyristor_pss",
+        "devices=[]",
+        "controllers=[]",
+        "measurement={filter: p_class}",
+        FAULT,
+    ]
     return run(load_case(None, [*system, "duration=3", f"system.step={1 / rate}"]))
 
 
