@@ -10,17 +10,17 @@ import numpy as np
 
 from facts_damping.link.transfer import merge
 from facts_damping.nodes import clock
-from facts_damping.plant.model import fitted, workspace
+from facts_damping.plant.model import fitted
 from facts_damping.plant.watchdog import initial_clock_state, late_by_clock, let_go, rearm
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation.assembly import build_plant, build_pmus, grid_events
 from facts_damping.simulation.changes import measured_otherwise, pending, reset_plant, with_event
 from facts_damping.simulation.measured_plant import (
-    MeasuredPlant,
     advance_with_pmus,
     entries,
     measure_with_pmus,
     tick_ns,
+    with_pmus,
 )
 
 if TYPE_CHECKING:
@@ -41,8 +41,7 @@ class LivePlant:
         self._begun = self._case = case  # case at the start; case with the changes made during the run
         self.tick = -1  # current tick
         built = build_plant(case)
-        work = workspace(built.plant, built.state)
-        self._measured = MeasuredPlant(built.plant, built.state, work, *build_pmus(case, draws))
+        self._measured = with_pmus(built.plant, built.state, *build_pmus(case, draws))
         self.frame = np.zeros((len(case.system.pmus), len(CHANNELS)))
         self.measured_ns, self.status = (np.zeros(len(self.frame), np.int64) for _ in range(2))
         self.machines = np.zeros(len(built.plant.machines), MACHINE_TRUTH)
@@ -95,7 +94,7 @@ class LivePlant:
         return act
 
     def _exchange(self, plant: Plant, state: PlantState) -> None:
-        self._measured = self._measured._replace(plant=plant, plant_state=state, work=workspace(plant, state))
+        self._measured = with_pmus(plant, state, self._measured.pmus, self._measured.pmu_state)
 
     def ask_event(self, text: str) -> Callable[[int], None]:
         """Prepare an event at the next tick, after those requested before. Returns the function that applies it.

@@ -105,9 +105,9 @@ def build(
         sparse_networks=Table([sparse_network(*part) for part in intervals] if large else []),
         pmu_machine=np.array([at.get(pmu.machine, -1) for pmu in system.pmus]),
     )
-    n, (source, still) = len(installed), np.zeros((2, len(ports.rows)), np.complex128)
+    n, (source, *still) = len(installed), np.zeros((3, len(ports.rows)), np.complex128)
     source[inverters.rows["port"]] = inverters.sources  # of several solutions that of the power flow
-    at_rest = np.zeros(n), np.zeros(n), initial_watch(n), source, still
+    at_rest = np.zeros(n), np.zeros(n), initial_watch(n), source, *still
     lines = line([system.device(name).dead_time for name in installed])
     return Built(plant, PlantState(np.array(states.values), *at_rest, *lines), flow, states.names)
 

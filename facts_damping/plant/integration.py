@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.plant.converters.first_order_lag import first_order_lag
-from facts_damping.plant.dynamics import derivatives
+from facts_damping.plant.dynamics import derivatives, solve_network
 from facts_damping.plant.forced_oscillations import begin_oscillations, move_oscillations
 from facts_damping.plant.load_noise import begin_noise, move_noise
+from facts_damping.plant.measurement import write_phasors
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
 from facts_damping.plant.watchdog import accepts, arrive, due_ns, release, send
 from facts_damping.signals import NOT_YET, Setpoints
@@ -24,15 +25,12 @@ if TYPE_CHECKING:
 
 
 @compiled
-def _runge_kutta(
-    plant: Plant, state: PlantState, ramp: Float1, interval: int, elapsed: float, h: float, work: Work
-) -> None:
-    """One classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s.
+def _slopes(plant: Plant, state: PlantState, ramp: Float1, interval: int, elapsed: float, h: float, work: Work) -> None:
+    """Slopes of a classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s.
 
     It begins `elapsed` seconds after the current segment of the loads' noise and of forced oscillations.
 
     `derivatives` is called at one place only, so that the compiler inlines it: a call would copy the plant's arrays.
-    The lags of references are solved in closed form, so they are exact even if much shorter than the step.
     """
     x, k, trial, reference, large = state.x, work.slopes, work.trial, work.reference, len(plant.sparse_networks) > 0
     for part in range(4):
@@ -47,40 +45,92 @@ def _runge_kutta(
             fraction = h if part == 3 else 0.5 * h
             for i in range(x.size):
                 trial[i] = x[i] + fraction * k[part - 1, i]
-            for d in range(reference.size):
-                reference[d] = state.reference[d] + fraction * ramp[d]
-                row = plant.devices[d]
-                if row.response_time > 0.0:
-                    trial[row.lag] = first_order_lag(
-                        x[row.lag], state.reference[d], ramp[d], row.response_time, fraction
-                    )
-            move_noise(plant, work, elapsed + fraction)
-            move_oscillations(plant, work, elapsed + fraction)
+            _move_inputs(plant, state, ramp, elapsed, fraction, work)
         if large:
-            _extrapolate(state.source, state.source_change, part, work.source_before)
+            _extrapolate(state, part, 0.5 * h, work.source_before)
         derivatives(plant, trial, reference, state.source, interval, k[part], work)
     if large:
-        for p in range(state.source.size):
-            state.source_change[p] = state.source[p] - work.source_before[p]
-    for i in range(x.size):
-        x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
-    for d in range(reference.size):
-        row = plant.devices[d]
-        if row.response_time > 0.0:
-            x[row.lag] = trial[row.lag]
+        _keep_rates(state, 0.5 * h, work.source_before)
 
 
 @compiled
-def _extrapolate(source: Complex1, change: Complex1, part: int, before: Complex1) -> None:
-    """Move the ports' sources to the end of the coming half step: by their change in the last one."""
+def _move_inputs(plant: Plant, state: PlantState, ramp: Float1, elapsed: float, seconds: float, work: Work) -> None:
+    """Write what acts on the plant `seconds` after a step's begin: references with their lags, noise, oscillations.
+
+    The lags of references are solved in closed form, so they are exact even if much shorter than the step.
+    """
+    for d in range(work.reference.size):
+        work.reference[d] = state.reference[d] + seconds * ramp[d]
+        row = plant.devices[d]
+        if row.response_time > 0.0:
+            work.trial[row.lag] = first_order_lag(
+                state.x[row.lag], state.reference[d], ramp[d], row.response_time, seconds
+            )
+    move_noise(plant, work, elapsed + seconds)
+    move_oscillations(plant, work, elapsed + seconds)
+
+
+@compiled
+def _take_sample(
+    plant: Plant, state: PlantState, ramp: Float1, interval: int, elapsed: float, h: float, seconds: float, work: Work
+) -> None:
+    """Solve the network `seconds` after a step's begin, where states follow from its slopes by the method's own cubic.
+
+    Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, 1993, II.6: of third order everywhere in a step.
+    """
+    x, k, part = state.x, work.slopes, seconds / h
+    square, cube = part * part, part * part * part / 1.5
+    first, middle, last = part - 1.5 * square + cube, square - cube, cube - 0.5 * square
+    for i in range(x.size):
+        work.trial[i] = x[i] + h * (first * k[0, i] + middle * (k[1, i] + k[2, i]) + last * k[3, i])
+    _move_inputs(plant, state, ramp, elapsed, seconds, work)
+    large, half = len(plant.sparse_networks) > 0, 0.5 * h
+    for p in range(work.source.size):
+        work.source[p] = state.source[p]
+        if large:  # the square through the begin, half way and the end
+            beyond = (seconds - half) / half
+            mean = state.source_rate[p] + 0.5 * (beyond - 1.0) * state.source_bend[p]
+            work.source[p] = work.source_before[p] + beyond * half * mean
+    solve_network(plant, work.trial, work.reference, work.source, interval, work)
+
+
+@compiled
+def _finish(plant: Plant, state: PlantState, ramp: Float1, h: float, work: Work) -> None:
+    """Move the states by the slopes of a step, and the references along their ramps."""
+    x, k = state.x, work.slopes
+    for d in range(ramp.size):
+        row = plant.devices[d]
+        if row.response_time > 0.0:  # in place of its slopes
+            work.trial[row.lag] = first_order_lag(x[row.lag], state.reference[d], ramp[d], row.response_time, h)
+    for i in range(x.size):
+        x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
+    for d in range(ramp.size):
+        if plant.devices[d].response_time > 0.0:
+            x[plant.devices[d].lag] = work.trial[plant.devices[d].lag]
+    _move_reference(state, ramp, h)
+
+
+@compiled
+def _extrapolate(state: PlantState, part: int, half: float, before: Complex1) -> None:
+    """Move the ports' sources to the end of the coming half step, of `half` s, by their rates in the last two."""
+    source, rate, bend = state.source, state.source_rate, state.source_bend
     for p in range(source.size):
         if part == 1:
             before[p] = source[p]
-            source[p] += change[p]
+            source[p] += half * (rate[p] + bend[p])
         elif part == 3:
             half_way = source[p]
-            source[p] += half_way - before[p]
+            bend[p] = (half_way - before[p]) / half
+            source[p] += half * (2.0 * bend[p] - rate[p])
             before[p] = half_way
+
+
+@compiled
+def _keep_rates(state: PlantState, half: float, half_way: Complex1) -> None:
+    """Write the rates of the ports' sources in the second half of a step, and their change from the first."""
+    for p in range(state.source.size):
+        state.source_rate[p] = (state.source[p] - half_way[p]) / half
+        state.source_bend[p] = state.source_rate[p] - state.source_bend[p]
 
 
 @compiled
@@ -156,6 +206,12 @@ def watch(plant: Plant, state: PlantState, start_ns: int, end_ns: int, setpoints
         now = end
 
 
+@compiled
+def _instant(start_ns: int, end_ns: int, k: int, parts: int) -> int:
+    """The k-th of instants that divide an interval, rounded up: not before one on which an event may fall."""
+    return start_ns + (k * (end_ns - start_ns) + parts - 1) // parts
+
+
 @entry_point
 def advance(
     plant: Plant, state: PlantState, start_ns: int, end_ns: int, setpoints: Setpoints, count: int, work: Work
@@ -164,10 +220,11 @@ def advance(
 
     Setpoints, ends of dead times, events, points of the loads' noise, kinks of forced oscillations and ends of
     reference ramps split the interval exactly; each part has equal steps of at most `plant.step_ns`. The watchdog of
-    each device decides which setpoints act, and when the device is released.
+    each device decides which setpoints act, and when the device is released. `work.samples`: the PMUs' phasors at
+    instants that divide the whole evenly, within steps.
     """
-    now, following = start_ns, 0
-    ramp = work.ramp
+    now, following, ramp, taken, samples = start_ns, 0, work.ramp, 0, work.samples.shape[0]
+    due = _instant(start_ns, end_ns, 1, samples + 1)
     while now < end_ns:
         following = _take_setpoints(plant, state, setpoints, following, count, now)
         interval = begin_interval(plant, state, now)
@@ -182,6 +239,11 @@ def advance(
         steps = (end - now + plant.step_ns - 1) // plant.step_ns
         h = (end - now) * 1e-9 / steps
         for n in range(steps):
-            _runge_kutta(plant, state, ramp, interval, n * h, h, work)
-            _move_reference(state, ramp, h)
+            _slopes(plant, state, ramp, interval, n * h, h, work)
+            while taken < samples and due < now + (n + 1) * (end - now) // steps:
+                _take_sample(plant, state, ramp, interval, n * h, h, (due - now) * 1e-9 - n * h, work)
+                write_phasors(plant, interval, work, work.samples[taken])
+                taken += 1
+                due = _instant(start_ns, end_ns, taken + 1, samples + 1)
+            _finish(plant, state, ramp, h, work)
         now = end

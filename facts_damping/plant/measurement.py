@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Float1, Float2
+from facts_damping.compiling.structs import Complex2, Float1, Float2
 from facts_damping.elementary import atan2, magnitude, phase
 from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
@@ -99,12 +99,12 @@ def _in_synchronism(plant: Plant, x: Float1, interval: int, work: Work) -> bool:
 
 
 @compiled
-def _phasors(plant: Plant, interval: int, work: Work) -> None:
-    """Voltage and current of each PMU from the network's inputs, p.u."""
+def write_phasors(plant: Plant, interval: int, work: Work, phasors: Complex2) -> None:
+    """Write voltage and current of each PMU from the network's inputs, p.u., (PMUs, 2)."""
     first, pmus = plant.machines.size + plant.ports.size, plant.pmu_machine.size
     for s in range(pmus):
-        work.phasors[s, 0] = row_times(plant, interval, first + s, work.inputs, work)
-        work.phasors[s, 1] = row_times(plant, interval, first + pmus + s, work.inputs, work)
+        phasors[s, 0] = row_times(plant, interval, first + s, work.inputs, work)
+        phasors[s, 1] = row_times(plant, interval, first + pmus + s, work.inputs, work)
 
 
 @entry_point
@@ -114,7 +114,7 @@ def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
     begin_noise(plant, work, time_ns, time_ns)
     begin_oscillations(plant, work, time_ns, time_ns)
     solve_network(plant, state.x, state.reference, state.source, interval, work)
-    _phasors(plant, interval, work)
+    write_phasors(plant, interval, work, work.phasors)
 
 
 @compiled
@@ -161,7 +161,7 @@ def measure(
         _machine(plant, state, interval, g, machines[g], work)
     for d in range(plant.devices.size):
         _device(plant, state, d, devices[d], work)
-    _phasors(plant, interval, work)
+    write_phasors(plant, interval, work, work.phasors)
     _a_moment_later(plant, state, interval, work)
     first = plant.machines.size + plant.ports.size
     for s in range(plant.pmu_machine.size):

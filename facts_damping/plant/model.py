@@ -79,7 +79,8 @@ class PlantState(Struct):
     """State of a plant: `x` in the kernels' order, and the reference of each device and its target, p.u.
 
     `watch`: state of the watchdogs; `under_way`: setpoints in their dead times. `source`: the last solution of the
-    ports' sources (p.u.), from which the next one starts; `source_change`: over the last half step, of a large grid.
+    ports' sources (p.u.), from which the next one starts; of a large grid `source_rate`, in the last half step, and
+    `source_bend`, by how much it was another in the half step before, p.u./s.
     """
 
     x: Float1
@@ -87,7 +88,8 @@ class PlantState(Struct):
     target: Float1
     watch: Annotated[NDArray[Any], Array(WATCH, 1)]  # watchdog.WATCH
     source: Complex1
-    source_change: Complex1
+    source_rate: Complex1
+    source_bend: Complex1
     under_way: Annotated[NDArray[Any], Array(UNDER_WAY, 2)]  # watchdog.UNDER_WAY, (devices, room)
     waiting: Int1  # (devices,), number of setpoints in `under_way`
 
@@ -115,6 +117,7 @@ class Work(Struct):
     source: Complex1  # (ports,), of a solution that is not stored in the state
     source_before: Complex1  # (ports,), of the solution half a step before
     phasors: Complex2  # (PMUs, 2), voltages and currents of the PMUs, p.u.
+    samples: Complex3  # (instants, PMUs, 2), likewise, within a call of `advance`
     noise: Float2  # (loads, 2), relative, of P and Q, current values, with forced oscillations
     noise_start: Float2  # values at the start of the current segment of its grid
     noise_slope: Float2  # 1/s
@@ -129,8 +132,8 @@ class Work(Struct):
     inverter_turn: Complex1  # (inverters,), direction of its angle
 
 
-def workspace(plant: Plant, state: PlantState) -> Work:
-    """Arrays of the right size for `plant`."""
+def workspace(plant: Plant, state: PlantState, samples: int = 0) -> Work:
+    """Arrays of the right size for `plant`; `samples`: of the PMUs within a call of `advance`."""
     machines, ports = len(plant.machines), len(plant.ports)
     inputs = machines + len(plant.infinite) + ports
     most_rows = int((plant.inverters["end"] - plant.inverters["first"]).max(initial=0))
@@ -157,6 +160,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(ports, np.complex128),
         np.zeros(ports, np.complex128),
         np.zeros((len(plant.pmu_machine), 2), np.complex128),
+        np.zeros((samples, len(plant.pmu_machine), 2), np.complex128),
         np.zeros((len(plant.loads), 2)),
         np.zeros((len(plant.loads), 2)),
         np.zeros((len(plant.loads), 2)),
@@ -182,7 +186,7 @@ def fitted(state: PlantState, plant: Plant) -> PlantState:
     if len(state.source) == len(plant.ports):
         return state
     none = np.zeros(len(plant.ports), np.complex128)
-    return state._replace(source=none, source_change=none.copy())
+    return state._replace(source=none, source_rate=none.copy(), source_bend=none.copy())
 
 
 @compiled
@@ -197,5 +201,6 @@ def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
         interval += 1
     if plant.interval_start_ns[interval] == time_ns and plant.inverters.size == 0:
         state.source[:] = 0.0
-        state.source_change[:] = 0.0
+        state.source_rate[:] = 0.0
+        state.source_bend[:] = 0.0
     return interval

@@ -22,7 +22,7 @@ from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.network_response import own_response, respond, row_times, set_sources
 
 TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
-LARGE_TOLERANCE = 1e-10  # the same of a large grid, far below the error of a step
+LARGE_TOLERANCE = 1e-8  # the same of a large grid, far below the error of a step
 MAX_ITERATIONS = 40
 SMALLEST_FRACTION = 1e-3  # smallest fraction of a Newton step
 MANY = 4  # ports, from which on it pays to solve port by port

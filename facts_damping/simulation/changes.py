@@ -24,12 +24,12 @@ from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.field_errors import worded
 from facts_damping.parameters.files import read_value
 from facts_damping.plant.load_noise import fitted as fitted_noise
-from facts_damping.plant.model import fitted, workspace
+from facts_damping.plant.model import fitted
 from facts_damping.plant.watchdog import initial_watch, let_go, rearm
 from facts_damping.signals import NANOSECONDS, SETPOINT
 from facts_damping.simulation.assembly import build_plant, build_pmus, commands, grid_events, ways
 from facts_damping.simulation.loop import build_loop, record, setpoint_buffer, signals_for, step
-from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.simulation.measured_plant import tick_ns, with_pmus
 from facts_damping.simulation.restarts import Restarts
 
 if TYPE_CHECKING:
@@ -156,8 +156,7 @@ def _with_plant(loop: Loop, plant: Plant, state: PlantState) -> Loop:
     """The loop with another plant, in the same noise."""
     plant = plant._replace(load_noise=fitted_noise(loop.measured.plant.load_noise, len(plant.loads)))
     state = fitted(state, plant)
-    measured = loop.measured._replace(plant=plant, plant_state=state, work=workspace(plant, state))
-    return loop._replace(measured=measured)
+    return loop._replace(measured=with_pmus(plant, state, loop.measured.pmus, loop.measured.pmu_state))
 
 
 def change_watch(devices: Sequence[str], watch: NDArray[Any], change: RunChange, at_ns: int) -> None:

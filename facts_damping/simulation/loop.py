@@ -13,7 +13,6 @@ from facts_damping.errors import RunError
 from facts_damping.link.stages import SPOOF
 from facts_damping.link.transfer import RING_NO_ROOM
 from facts_damping.measurement.build import clocks_differ
-from facts_damping.plant.model import workspace
 from facts_damping.record import Record
 from facts_damping.signals import (
     CHANNELS,
@@ -38,7 +37,7 @@ from facts_damping.simulation.assembly import (
     plant_residues,
     supervised,
 )
-from facts_damping.simulation.measured_plant import MeasuredPlant
+from facts_damping.simulation.measured_plant import with_pmus
 from facts_damping.simulation.programs.policies import check, connect
 from facts_damping.simulation.restarts import Restarts
 from facts_damping.simulation.tick import ControlSystem, Loop, Signals, Used, run_half_ticks
@@ -75,7 +74,7 @@ def build_loop(
     if residues is None and case.supervision is not None:
         residues = plant_residues(case)
     control = control_system(case, links.up.out.shape[1], residues)
-    measured = MeasuredPlant(built.plant, built.state, workspace(built.plant, built.state), *build_pmus(case))
+    measured = with_pmus(built.plant, built.state, *build_pmus(case))
     applied = np.zeros(links.down.out.size, SETPOINT)
     spoofed = bool((links.up.chain.rows["model"] == SPOOF).any())
     differ = spoofed or clocks_differ(case.measurement, [s.name for s in case.system.pmus])

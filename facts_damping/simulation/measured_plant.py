@@ -11,13 +11,13 @@ from facts_damping.compiling.structs import Float2, Int1, Struct
 from facts_damping.measurement.pmu_model import Pmus, PmuState, report, take_sample
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure, sample
-from facts_damping.plant.model import Plant, PlantState, Work
-from facts_damping.signals import DELIVERY, NEVER, DeviceTruths, MachineTruths, Setpoints, start_of
+from facts_damping.plant.model import Plant, PlantState, Work, workspace
+from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER, DeviceTruths, MachineTruths, Setpoints, start_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-
+LONG = 1.5  # samples
 tick_ns = compiled(start_of)  # of ticks of this run; those of foreign messages may be too large for machine code
 
 
@@ -49,6 +49,13 @@ def measure_with_pmus(
     return sound  # type: ignore[no-any-return]
 
 
+def with_pmus(plant: Plant, state: PlantState, pmus: Pmus, pmu_state: PmuState) -> MeasuredPlant:
+    """A plant with its PMUs; of one whose steps are longer than `LONG` samples these lie within its steps."""
+    within = plant.step_ns * pmus.per_frame * pmus.frame_rate > LONG * NANOSECONDS
+    work = workspace(plant, state, pmus.per_frame - 1 if within else 0)
+    return MeasuredPlant(plant, state, work, pmus, pmu_state)
+
+
 def entries(
     start_ns: int, frame: NDArray[np.float64], measured_ns: NDArray[np.int64], status: NDArray[np.int64]
 ) -> NDArray[Any]:
@@ -63,9 +70,17 @@ def entries(
 
 @entry_point
 def advance_with_pmus(measured: MeasuredPlant, tick: int, setpoints: Setpoints, count: int) -> None:
-    """Advance the plant to the next tick under `count` setpoints ordered by time, while PMUs take samples."""
+    """Advance the plant to the next tick under `count` setpoints ordered by time, while PMUs take samples.
+
+    A step ends at each sample, unless steps are so long that samples lie within them (`with_pmus`).
+    """
     plant, plant_state, pmus, work = measured.plant, measured.plant_state, measured.pmus, measured.work
     now, first = tick_ns(tick, pmus.frame_rate), 0
+    if work.samples.shape[0] > 0:
+        advance(plant, plant_state, now, tick_ns(tick + 1, pmus.frame_rate), setpoints, count, work)
+        for i in range(work.samples.shape[0]):
+            take_sample(measured.pmu_state, work.samples[i])
+        return
     samples = pmus.per_frame * pmus.frame_rate
     for i in range(1, pmus.per_frame + 1):
         end = tick_ns(tick * pmus.per_frame + i, samples)

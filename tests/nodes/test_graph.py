@@ -112,6 +112,11 @@ PLANTS = {
         "controllers=" + json.dumps([{"name": "LLC", "signals": ["w12"], "devices": ["pod_p"]}]),
         "scenario=" + json.dumps([{"time": 1.0, "kind": "generator_trip", "machine": "G2"}]),
     ],
+    "a large grid, samples of PMUs within its steps": [
+        *("profile=deployment", "system=wecc_240", "devices=[pod_colorado]", "duration=1.2"),
+        "controllers=" + json.dumps([{"name": "LLC", "signals": ["f_colorado_utah"], "devices": ["pod_colorado"]}]),
+        "scenario=" + json.dumps([{"time": 0.8, "kind": "fault", "bus": "B1001", "duration": 0.08}]),
+    ],
     "stabilisers and governors": [
         *("devices=[statcom]", "controllers=[]", "scenario=multiple", "duration=4", "link=delay_100ms"),
         *(f"system.{table}.{g}.enabled=true" for table in ("stabilisers", "governors") for g in range(4)),

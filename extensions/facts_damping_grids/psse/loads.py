@@ -61,7 +61,10 @@ def _fractions(text: str) -> dict[str, float] | None:
 def loads(
     case: RawCase, buses: Mapping[int, Row], model: LoadModel, notes: list[str | Note], problems: list[str]
 ) -> list[Row]:
-    """Loads in service: PL and QL as the model says, beside it constant currents and impedances of 1 p.u."""
+    """Loads in service: PL and QL as the model says, beside it constant currents and impedances of 1 p.u.
+
+    One of which P is a current and Q an impedance is one load, so that what is set for loads sets it once.
+    """
     rows = list[Row]()
     used = set[str]()
     chosen = _chosen(model)
@@ -72,6 +75,10 @@ def loads(
         stem = free_name(f"load_{n}", record["ID"], used)
         beside = 1.0 if record.get("DGENM") == 1 else 0.0  # whether there is generation beside the load
         P, Q = (record[drawn] - beside * record.get(part, 0.0) for drawn, part in (("PL", "DGENP"), ("QL", "DGENQ")))
+        if not (P or Q or record["IQ"] or record["YP"]) and record["IP"] and record["YQ"]:
+            row = {"name": stem, "bus": f"B{n}", "P": record["IP"], "Q": -record["YQ"]}
+            rows.append(row | {"P_fractions": {"current": 1}, "at": "nominal"})
+            continue
         parts = (
             ("", P, Q, chosen),
             ("_current", record["IP"], record["IQ"], _alike("current") | {"at": "nominal"}),
