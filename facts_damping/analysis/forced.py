@@ -41,7 +41,9 @@ SHORTEST = 8.0  # s
 RATE, LAGS = 5.0, 10  # samples/s, and order, of the autoregressive process
 LEVEL = 3e-4  # chance of a line where there is none
 CLEAR_DB = 25.0  # of a ringdown whose waves may decide
-LASTING = 0.3  # of the largest wave at the end, or of the largest line; smaller ones do not count
+LASTING = 0.3  # of the largest wave at the end; smaller ones do not count
+SMALL = 0.15  # of the largest line; smaller ones do not count
+ZOOM = 32  # lines of the spectrum where there is one without padding
 STEADY = 0.004  # damping ratio that the interval of a constant amplitude may reach to both sides
 REST = 0.6  # of a wave; a source that begins from rest has moved less at first, all waves together
 CONSTANT = "its amplitude is constant: a source, or a mode without damping"
@@ -120,15 +122,17 @@ def _in_noise(x: Floats, dt: float) -> Origin:
     block = max(1, round(1 / (RATE * dt)))
     y = x[: len(x) // block * block].reshape(-1, block, x.shape[1]).mean(axis=1)
     y, step = (y - y.mean(axis=0))[:, np.ptp(y, axis=0) >= RESOLUTION], block * dt
-    frequencies = np.arange(*BAND, 0.25 / (len(y) * step))
-    tests = [_line(signal, step, frequencies) for signal in y.T]
-    power = np.abs(np.fft.rfft(y * np.hanning(len(y))[:, np.newaxis], 4 * len(y), axis=0)).T
-    lines = np.fft.rfftfreq(4 * len(y), step)
+    power = np.abs(np.fft.rfft(y * np.hanning(len(y))[:, np.newaxis], ZOOM * len(y), axis=0)).T
+    lines = np.fft.rfftfreq(ZOOM * len(y), step)
     power[:, (lines < BAND[0]) | (lines > BAND[1])] = 0.0
     strongest, peak = np.unravel_index(int(np.argmax(power)), power.shape)
+    # The F of a strong line is narrow, as the past nearly tells it: it is tested at the very peaks.
+    peaks = lines[np.argmax(power, axis=1)]
+    frequencies = np.sort(np.concatenate([np.arange(*BAND, 0.25 / (len(y) * step)), peaks]))
+    tests = [_line(signal, step, frequencies) for signal in y.T]
     near = _nearest(tests[strongest][1], lines[peak])
     values, free = np.array([values for values, _ in tests]), len(y) - 2 * LAGS - 4
-    large = np.array([np.interp(frequencies, lines, row) for row in power]) >= LASTING * power.max()
+    large = np.array([np.interp(frequencies, lines, row) for row in power]) >= SMALL * power.max()
     best = float((values * large).max())
     if near.because != GROWTH and values.size / 4 * (1 + 2 * best / free) ** (-free / 2) < LEVEL:
         hertz = float(frequencies[np.argmax(values * large) % len(frequencies)])
