@@ -116,7 +116,7 @@ def _events(events: Sequence[Mapping[str, Any]]) -> list[str]:
     by_element: dict[str, list[str]] = {}
     for event in sorted(events, key=lambda event: float(event["time"])):
         if event["kind"] not in UNSAID:
-            fields = ("line", "bus", "load", "machine")
+            fields = ("line", "bus", "load", "machine", "exciter", "inverter")
             element = next((str(event[name]) for name in fields if event.get(name) is not None), "")
             kind = KINDS.get(event["kind"], event["kind"].replace("_", " "))
             kinds = by_element.setdefault(element.replace("_", " "), [])
