@@ -35,7 +35,7 @@ from facts_damping.simulation.twins import twin_of
 from facts_damping.small_signal import modal_tables
 from facts_damping_studies.pages import as_csv
 
-SEEDS, FIRST = 20, 2001
+SEEDS, FIRST = 20, 4001
 BARE = ("supervision=null", "arm_at=null")
 FREE = (*BARE, "controllers=[]")
 WRONG = (
