@@ -17,13 +17,14 @@ from facts_damping.numerics.phasors import magnitudes
 from facts_damping.plant import load_noise
 from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT
+from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.events import oscillating_loads, oscillations, topology_intervals
 from facts_damping.plant.grid import load
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 from facts_damping.plant.grid.reduction import Place, reduce_network, sparse_network
 from facts_damping.plant.inverters.start import Inverters, input_signal, inverters_at_rest, power_input
 from facts_damping.plant.machines import blocks
-from facts_damping.plant.model import Plant, PlantState
+from facts_damping.plant.model import Plant, PlantState, workspace
 from facts_damping.plant.rotating import machines_at_rest
 from facts_damping.plant.tables import Ports, States
 from facts_damping.plant.watchdog import initial_watch, line
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.rotating import Rotating
 
 LARGE = 100  # machines, infinite buses and ports, above which factors are faster than a dense matrix
+AT_REST = 5  # solutions of a large network at the start, each of which begins from the one before
 
 
 class Built(NamedTuple):
@@ -105,11 +107,15 @@ def build(
         sparse_networks=Table([sparse_network(*part) for part in intervals] if large else []),
         pmu_machine=np.array([at.get(pmu.machine, -1) for pmu in system.pmus]),
     )
-    n, (source, *still) = len(installed), np.zeros((3, len(ports.rows)), np.complex128)
+    n, (source, rate, bend) = len(installed), np.zeros((3, len(ports.rows)), np.complex128)
     source[inverters.rows["port"]] = inverters.sources  # of several solutions that of the power flow
-    at_rest = np.zeros(n), np.zeros(n), initial_watch(n), source, *still
+    at_rest = np.zeros(n), np.zeros(n), initial_watch(n), source, rate, bend
     lines = line([system.device(name).dead_time for name in installed])
-    return Built(plant, PlantState(np.array(states.values), *at_rest, *lines), flow, states.names)
+    state = PlantState(np.array(states.values), *at_rest, *lines)
+    work = workspace(plant, state)
+    for _ in range(AT_REST if large else 0):
+        solve_network(plant, state.x, state.reference, state.source, 0, work)
+    return Built(plant, state, flow, states.names)
 
 
 def _oscillations(

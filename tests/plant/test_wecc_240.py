@@ -13,14 +13,12 @@ from facts_damping.small_signal import eigenmodes, linearisation
 from facts_damping_grids.psse.conversion import import_case
 from tests.plant.running import REFERENCES, shipped
 
-FILES = [
-    REFERENCES / "wecc240" / name for name in ("240busWECC_2018_PSS32_fixed_shunts.raw", "240busWECC_2018_PSS.dyr")
-]
+RAW, DYR = (REFERENCES / "wecc240" / f"240busWECC_2018_PSS{end}" for end in ("32_fixed_shunts.raw", ".dyr"))
 PDCI = {"load_4010_current": 2904.493, "load_2619_current": -2466.528}  # MW, at Celilo and Sylmar
 
 
 def test_imported_system_is_what_the_import_makes_of_the_files() -> None:
-    assert System.model_validate(import_case(*FILES).content) == shipped("wecc_240_imported")
+    assert System.model_validate(import_case(RAW, DYR).content) == shipped("wecc_240_imported")
 
 
 def test_what_is_added_to_the_files_has_the_parts_of_its_description() -> None:
