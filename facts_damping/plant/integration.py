@@ -223,7 +223,7 @@ def advance(
     each device decides which setpoints act, and when the device is released. `work.samples`: the PMUs' phasors at
     instants that divide the whole evenly, within steps.
     """
-    now, following, ramp, taken, samples = start_ns, 0, work.ramp, 0, work.samples.shape[0]
+    now, following, ramp, written, samples = start_ns, 0, work.ramp, 0, work.samples.shape[0]
     due = _instant(start_ns, end_ns, 1, samples + 1)
     while now < end_ns:
         following = _take_setpoints(plant, state, setpoints, following, count, now)
@@ -240,10 +240,10 @@ def advance(
         h = (end - now) * 1e-9 / steps
         for n in range(steps):
             _slopes(plant, state, ramp, interval, n * h, h, work)
-            while taken < samples and due < now + (n + 1) * (end - now) // steps:
+            while written < samples and due < now + (n + 1) * (end - now) // steps:
                 _take_sample(plant, state, ramp, interval, n * h, h, (due - now) * 1e-9 - n * h, work)
-                write_phasors(plant, interval, work, work.samples[taken])
-                taken += 1
-                due = _instant(start_ns, end_ns, taken + 1, samples + 1)
+                write_phasors(plant, interval, work, work.samples[written])
+                written += 1
+                due = _instant(start_ns, end_ns, written + 1, samples + 1)
             _finish(plant, state, ramp, h, work)
         now = end

@@ -21,7 +21,7 @@ def test_imported_system_is_what_the_import_makes_of_the_files() -> None:
     assert System.model_validate(import_case(RAW, DYR).content) == shipped("wecc_240_imported")
 
 
-def test_what_is_added_to_the_files_has_the_parts_of_its_description() -> None:
+def test_system_has_positions_pmus_and_devices_beside_the_files() -> None:
     system, imported = shipped("wecc_240"), shipped("wecc_240_imported")
     assert (len(system.buses), len(system.machines), len(system.inverters), len(system.pmus)) == (243, 103, 37, 30)
     assert len({tuple(bus.position or ()) for bus in system.buses}) == 243
@@ -30,10 +30,10 @@ def test_what_is_added_to_the_files_has_the_parts_of_its_description() -> None:
     ]
     switched_off = [row.model_copy(update={"enabled": True}) for row in system.stabilisers]
     assert switched_off == imported.stabilisers
-    given = dict.fromkeys((unit.bus for unit in system.units), 0.0)
+    powers = dict.fromkeys((unit.bus for unit in system.units), 0.0)
     for unit in system.units:
-        given[unit.bus] += unit.P or 0.0
-    most = sorted(given, key=lambda bus: -given[bus])[:18]
+        powers[unit.bus] += unit.P or 0.0
+    most = sorted(powers, key=lambda bus: -powers[bus])[:18]
     assert [pmu.bus for pmu in system.pmus[:18]] == most
     assert {load.name: load.P for load in system.loads if load.name in PDCI} == PDCI
 
