@@ -45,6 +45,7 @@ PARSED = {
     "bench": "other programs",
     "validate": "tests/validation",
     "reproduce": "tests/reproduction",
+    "locate": "needs a record of many seconds: tests/recording/test_locate.py",
     "cockpit": "serves a page until it is ended: tests/views/cockpit",
     "pmu-serve": "waits for a client: tests/streams/streaming",
     "pmu-listen": "needs a server: tests/nodes/test_streams.py",
