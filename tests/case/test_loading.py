@@ -167,7 +167,7 @@ REFUSED = [
     (["duration=-1"], "duration: -1 given"),
     (["duration=.inf"], "duration: inf given"),
     (["duration=99999", "frame_rate=1000"], "99999000 frames; allowed: at most 2000000 frames"),
-    (["system=nowhere"], "systems: 'nowhere' given; allowed: kundur_12_6"),
+    (["system=nowhere"], "systems: 'nowhere' given; allowed: iberia, "),
     (["system=/no/such/file.yaml"], "/no/such/file.yaml: no such file"),
     (["scenario=huge"], "scenarios: 'huge' given; allowed: large, multiple, small"),
     (["link=wet_string"], "links: 'wet_string' given; allowed: csg, delay_100ms, fibre, ideal"),

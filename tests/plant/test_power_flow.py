@@ -43,7 +43,7 @@ def test_rows_of_buses_add_up(name: str) -> None:
     system = shipped(name)
     flow = solve(system)
     rows = {row["name"]: row for row in flow.buses(system.base_power)}
-    busy = {m.bus for m in system.machines} | {load.bus for load in system.loads}
+    busy = {m.bus for m in system.machines} | {i.bus for i in system.inverters} | {load.bus for load in system.loads}
     busy |= {infinite.bus for infinite in system.infinite_buses}
     busy |= {bus for d in system.devices if isinstance(d, Transmission) for bus in d.buses}
     assert all(abs(row["p_mw"]) + abs(row["q_mvar"]) == 0 for bus, row in rows.items() if bus not in busy)
