@@ -1,6 +1,6 @@
 """Forced or natural: a table of confusion, on runs that the rule was not made on (`facts_damping/analysis/forced.py`).
 
-    python benchmarks/forced.py [--first 2001] [--seeds 20] [--out DIRECTORY] [ROW ...]
+    python benchmarks/forced.py [--first 4001] [--seeds 20] [--out DIRECTORY] [ROW ...]
 
 Truth is known by construction, on two areas in the profile deployment, all noise on, stabilisers set so that the
 interarea mode has the damping ratio of the row. Forced: a machine's mechanical power or a load oscillates from 2 s on,
@@ -19,11 +19,11 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from itertools import islice
-from math import sqrt
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 
 from facts_damping.analysis import forced
 from facts_damping.analysis.measures import columns, event_times, speed_differences
@@ -142,10 +142,8 @@ def seen(task: tuple[str, int]) -> Seen:
 
 def wilson(right: int, runs: int) -> str:
     """A share in % with its 95 % interval (Wilson)."""
-    z, share = 1.96, right / runs
-    middle = (share + z**2 / (2 * runs)) / (1 + z**2 / runs)
-    half = z / (1 + z**2 / runs) * sqrt(share * (1 - share) / runs + z**2 / (4 * runs**2))
-    return f"{100 * share:.1f} % ({100 * (middle - half):.1f} to {100 * (middle + half):.1f})"
+    low, high = stats.binomtest(right, runs).proportion_ci(0.95, method="wilson")
+    return f"{100 * right / runs:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def counts(kinds: list[str]) -> str:

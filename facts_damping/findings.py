@@ -14,6 +14,7 @@ from facts_damping.analysis.supervision import history_text
 from facts_damping.analysis.verdict import DAMPED, GROWING
 from facts_damping.case.loading import recorded_case
 from facts_damping.errors import FactsDampingError, one_line
+from facts_damping.parameters.events import ELEMENTS
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
@@ -116,8 +117,7 @@ def _events(events: Sequence[Mapping[str, Any]]) -> list[str]:
     by_element: dict[str, list[str]] = {}
     for event in sorted(events, key=lambda event: float(event["time"])):
         if event["kind"] not in UNSAID:
-            fields = ("line", "bus", "load", "machine", "exciter", "inverter")
-            element = next((str(event[name]) for name in fields if event.get(name) is not None), "")
+            element = next((str(event[name]) for name in ELEMENTS if event.get(name) is not None), "")
             kind = KINDS.get(event["kind"], event["kind"].replace("_", " "))
             kinds = by_element.setdefault(element.replace("_", " "), [])
             kinds += [] if kind in kinds else [kind]

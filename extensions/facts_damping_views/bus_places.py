@@ -23,6 +23,12 @@ NEAR, FAR = 0.4, 2.5  # of the median reactance: limits of the drawn branch leng
 EXACT = 300  # buses, up to which the layout by all distances takes seconds
 
 
+def reactances(system: System) -> list[tuple[str, str, float]]:
+    """Both buses and the size of the reactance of each line and transformer, p.u."""
+    edges = [(row.from_bus, row.to_bus, abs(row.x) * row.length) for row in system.lines]
+    return edges + [(t.from_bus, t.to_bus, abs(t.x) * system.base_power / t.rating) for t in system.transformers]
+
+
 def places(system: System) -> Places:
     """Positions of buses by name, within a unit square about the origin."""
     fixed = {bus.name: bus.position for bus in system.buses if bus.position is not None}
@@ -35,8 +41,7 @@ def places(system: System) -> Places:
 
     graph: nx.Graph[str] = nx.Graph()
     graph.add_nodes_from(bus.name for bus in system.buses)
-    edges: list[tuple[str, str, float]] = [(row.from_bus, row.to_bus, abs(row.x) * row.length) for row in system.lines]
-    edges += [(t.from_bus, t.to_bus, abs(t.x) * system.base_power / t.rating) for t in system.transformers]
+    edges = reactances(system)
     edges += [(*d.ends, 0.0) for d in system.devices if isinstance(d, Series)]
     edges += [(d.from_bus, d.to_bus, FAR) for d in system.devices if isinstance(d, Transmission)]
     usual = float(np.median([x for _, _, x in edges])) or 1.0

@@ -59,7 +59,7 @@ def judge_run(
     judged = _judge(record, twin, swings, ringdown, noise, limited=limited)
     if limited or judged.judgement.verdict == DAMPED or judged.of == PULSE:
         return judged
-    for x in (swings.judged, swings.own):
+    for x in (swings.own,) if swings.response is None else (swings.response, swings.own):
         origin = forced.origin(swings.time_s[: len(x)], x, swings.last)
         if origin.kind == forced.FORCED:
             because = forced.words(origin, inline_system(record.configuration).get("frequency"))

@@ -19,7 +19,6 @@ for package, models in rows("machine_controls", dict).items():
         )
     MODELS |= models
 
-
 # What stands for `input` and `input_2` of a stabiliser by its code IC; 2 is the frequency of a bus, for which the speed
 # of the machine stands; 0: there is none.
 INPUTS = {0: "none", 1: "omega", 2: "omega", 3: "Pe", 4: "Pa", 5: "Vt"}

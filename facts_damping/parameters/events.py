@@ -141,6 +141,9 @@ Event = Annotated[
 ]
 
 
+ELEMENTS = ("line", "bus", "load", "machine", "exciter", "inverter")  # fields of events that name what they change
+
+
 class Scenario(ParameterModel):
     """Events that disturb a system, and the duration of a run that shows their effect."""
 

@@ -112,10 +112,16 @@ def build(
     at_rest = np.zeros(n), np.zeros(n), initial_watch(n), source, rate, bend
     lines = line([system.device(name).dead_time for name in installed])
     state = PlantState(np.array(states.values), *at_rest, *lines)
-    work = workspace(plant, state)
-    for _ in range(AT_REST if large else 0):
-        solve_network(plant, state.x, state.reference, state.source, 0, work)
+    if large:
+        _settle(plant, state)
     return Built(plant, state, flow, states.names)
+
+
+def _settle(plant: Plant, state: PlantState) -> None:
+    """Solve the sources of the ports of a large network at rest, which takes several solutions."""
+    work = workspace(plant, state)
+    for _ in range(AT_REST):
+        solve_network(plant, state.x, state.reference, state.source, 0, work)
 
 
 def _oscillations(

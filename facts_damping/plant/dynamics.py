@@ -29,12 +29,8 @@ def _add_at_controls(plant: Plant, x: Float1, reference: Float1, work: Work) -> 
     Forced oscillations of these setpoints are added.
     """
     begin(plant, work)
-    for i in range(plant.placed.size):
-        if plant.placed[i].machine >= 0:
-            work.added[plant.placed[i].machine] = 0.0
-    for i in range(plant.oscillations.size):
-        if plant.oscillations[i].exciter >= 0:
-            work.added[plant.oscillations[i].exciter] = 0.0
+    for g in range(plant.machines.size):
+        work.added[g] = 0.0
     for i in range(plant.placed.size):
         d = plant.placed[i]
         if d.port < 0:

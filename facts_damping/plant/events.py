@@ -135,22 +135,18 @@ def _apply(system: System, interval: TopologyInterval, change: Change) -> Topolo
 
 
 def _check_oscillation(system: System, before: Topology, event: events.ForcedOscillation, where: str) -> None:
-    if event.load is not None:
-        check_known(f"{where}.load", event.load, [load.name for load in system.loads])
-        if event.amplitude > 1.0:
-            raise InputError(f"{where}.amplitude: {event.amplitude:g} given; allowed: at most 1, the whole load")
-    else:
-        field, units = next(
-            (name, units)
-            for name, units in (
-                ("machine", [m.name for m in system.machines]),
-                ("exciter", [e.machine for e in system.exciters if getattr(e, "enabled", True)]),
-                ("inverter", [i.name for i in system.inverters]),
-            )
-            if getattr(event, name) is not None
-        )
-        gone = before.machines_out if event.amplitude > 0.0 else ()  # it may end after a trip
-        check_known(f"{where}.{field}", getattr(event, field), [name for name in units if name not in gone])
+    gone = before.machines_out if event.amplitude > 0.0 else ()  # it may end after a trip
+    places = {
+        "load": [load.name for load in system.loads],
+        "machine": [m.name for m in system.machines if m.name not in gone],
+        "exciter": [e.machine for e in system.exciters if getattr(e, "enabled", True) and e.machine not in gone],
+        "inverter": [i.name for i in system.inverters if i.name not in gone],
+    }
+    for place, names in places.items():
+        if (name := getattr(event, place)) is not None:
+            check_known(f"{where}.{place}", name, names)
+    if event.load is not None and event.amplitude > 1.0:
+        raise InputError(f"{where}.amplitude: {event.amplitude:g} given; allowed: at most 1, the whole load")
     if event.frequency * system.step > 0.5:
         allowed = f"at most {0.5 / system.step:g}, in Hz, half the rate of integration steps"
         raise InputError(f"{where}.frequency: {event.frequency:g} given; allowed: {allowed}")

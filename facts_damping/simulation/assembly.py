@@ -26,6 +26,7 @@ from facts_damping.link.transfer import Links, links
 from facts_damping.measurement.build import make_pmus
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.numerics.phasors import times
+from facts_damping.parameters.events import ELEMENTS
 from facts_damping.parameters.run import Weights
 from facts_damping.parameters.supervision import Supervision
 from facts_damping.plant.build import Built, build, with_noise
@@ -317,8 +318,7 @@ def grid_events(case: Case) -> list[GridEvent]:
     published = []
     for change in timeline(case.scenario.events):
         row = change.event.model_dump()
-        places = ("line", "bus", "load", "machine", "exciter", "inverter")
-        element = next(row[key] for key in places if row.get(key) is not None)
+        element = next(row[key] for key in ELEMENTS if row.get(key) is not None)
         on_line = row["kind"] == "fault" and row.get("line") is not None
         location = row["location"] if on_line else math.nan
         value = next((row[key] for key in ("change", "power", "amplitude") if row.get(key) is not None), math.nan)

@@ -14,6 +14,7 @@ import numpy as np
 
 from facts_damping.devices.base import Series
 from facts_damping.numerics.matrices import parts
+from facts_damping_views.bus_places import reactances
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -46,11 +47,7 @@ class Cells(NamedTuple):
 
 def ends(system: System, out: Collection[str] = ()) -> dict[str, tuple[str, str]]:
     """Buses of each branch in service: line, transformer, device in series; `out`: names of those out of service."""
-    branches: list[tuple[str, str, str]] = [
-        (b.name, b.from_bus, b.to_bus) for rows in (system.lines, system.transformers) for b in rows
-    ]
-    branches += [(d.name, *d.ends) for d in system.devices if isinstance(d, Series)]
-    return {name: (a, b) for name, a, b in branches if name not in out}
+    return {name: pair for name, pair in system.branch_ends() if name not in out}
 
 
 def cells(system: System, measuring: Sequence[bool], out: Collection[str] = ()) -> Cells:
@@ -113,13 +110,9 @@ def areas(system: System) -> dict[str, str]:
 
     graph: nx.Graph[str] = nx.Graph()
     graph.add_nodes_from(bus.name for bus in system.buses)
-    for line in system.lines:
-        graph.add_edge(line.from_bus, line.to_bus, x=abs(line.x) * line.length)
-    for t in system.transformers:
-        graph.add_edge(t.from_bus, t.to_bus, x=abs(t.x) * system.base_power / t.rating)
-    for d in system.devices:
-        if isinstance(d, Series):
-            graph.add_edge(*d.ends, x=d.xs)
+    edges = [*reactances(system), *((*d.ends, d.xs) for d in system.devices if isinstance(d, Series))]
+    for a, b, x in edges:
+        graph.add_edge(a, b, x=x)
     of_bus = {unit.bus: unit.area for unit in system.units if unit.area}
     if not of_bus:
         return {}

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.analysis.grid_state import states_of
+from facts_damping.analysis.measures import event_times
 from facts_damping.errors import InputError
 from facts_damping.output.tables import some_of, table
 from facts_damping.signals import NANOSECONDS
@@ -122,14 +123,13 @@ def _by_area(
 def quiet(record: Record) -> tuple[float, float]:
     """Start and end of the longest time without events of a record, s."""
     end = float(record.time_s[-1])
-    borders = sorted({0.0, end, *(e.time_ns / NANOSECONDS for e in record.events if e.time_ns / NANOSECONDS < end)})
+    borders = sorted({0.0, end, *event_times(record)})
     return max(pairwise(borders), key=lambda span: span[1] - span[0], default=(0.0, end))
 
 
 def last_event(record: Record) -> float:
     """Time of the last event of a record that is not after its end, s; 0: none."""
-    times = [e.time_ns / NANOSECONDS for e in record.events]
-    return max((t for t in times if t < float(record.time_s[-1])), default=0.0)
+    return max((t for t in event_times(record) if t < float(record.time_s[-1])), default=0.0)
 
 
 def ranked(

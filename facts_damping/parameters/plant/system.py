@@ -96,6 +96,12 @@ class System(ParameterModel):
         at = [(c, c.bus) for c in self.inverter_controls if c.enabled]
         return [Meter(c.inverter, bus, [c.branch] if c.branch else []) for c, bus in at if bus is not None]
 
+    def branch_ends(self) -> list[tuple[str, tuple[str, str]]]:
+        """Name of each line, transformer and device in series, and its buses."""
+        joined: list[Line | Transformer] = [*self.lines, *self.transformers]
+        ends = [(row.name, (row.from_bus, row.to_bus)) for row in joined]
+        return ends + [(d.name, d.ends) for d in self.devices if isinstance(d, Series)]
+
     def pmu_buses(self) -> dict[str, str]:
         """The bus at which each PMU measures, by its name."""
         buses = {unit.name: unit.bus for unit in self.units}
@@ -246,11 +252,8 @@ def _check_inverters(system: System, buses: set[str]) -> None:
 
 def _branches_at(system: System) -> dict[str | None, set[str]]:
     """Names of the branches at each bus."""
-    joined: list[Line | Transformer] = [*system.lines, *system.transformers]
-    branches = [(row.name, (row.from_bus, row.to_bus)) for row in joined]
-    branches += [(d.name, d.ends) for d in system.devices if isinstance(d, Series)]
     at: dict[str | None, set[str]] = {}
-    for name, ends in branches:
+    for name, ends in system.branch_ends():
         for bus in ends:
             at.setdefault(bus, set()).add(name)
     return at
