@@ -107,9 +107,10 @@ def build(
         sparse_networks=Table([sparse_network(*part) for part in intervals] if large else []),
         pmu_machine=np.array([at.get(pmu.machine, -1) for pmu in system.pmus]),
     )
-    n, (source, rate, bend) = len(installed), np.zeros((3, len(ports.rows)), np.complex128)
+    n, many = len(installed), len(ports.rows)
+    source, motion = np.zeros(many, np.complex128), np.zeros((3, many), np.complex128)
     source[inverters.rows["port"]] = inverters.sources  # of several solutions that of the power flow
-    at_rest = np.zeros(n), np.zeros(n), initial_watch(n), source, rate, bend
+    at_rest = np.zeros(n), np.zeros(n), initial_watch(n), source, motion
     lines = line([system.device(name).dead_time for name in installed])
     state = PlantState(np.array(states.values), *at_rest, *lines)
     if large:

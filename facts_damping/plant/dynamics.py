@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
-from facts_damping.elementary import magnitude, power, sin_cos
+from facts_damping.elementary import divided, magnitude, power, sin_cos
 from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.grid import load
@@ -47,15 +47,10 @@ def _add_at_controls(plant: Plant, x: Float1, reference: Float1, work: Work) -> 
             work.inverter_signals[o.inverter, o.input] += work.value[i]
 
 
-@entry_point
-def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, interval: int, work: Work) -> None:
-    """Write the inputs of the network from machines, infinite buses and ports into `work.inputs`, p.u.
-
-    Machines: y E with E = (Ed + j Eq) exp(j (delta - pi/2)).
-    """
+@compiled
+def set_machines(plant: Plant, x: Float1, interval: int, work: Work) -> None:
+    """Write the inputs of machines, y E with E = (Ed + j Eq) exp(j (delta - pi/2)), and of infinite buses, p.u."""
     machines = plant.machines.size
-    _add_at_controls(plant, x, reference, work)
-    prepare(plant, x, work)
     for g in range(machines):
         m = plant.machines[g]
         o = m.offset
@@ -71,16 +66,24 @@ def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
         work.inputs[g] = m.admittance * work.emf[g] * work.rotation[g] * plant.online[interval, g]
     for i in range(plant.infinite.size):
         work.inputs[machines + i] = plant.infinite[i]
-    first = machines + plant.infinite.size
+
+
+@entry_point
+def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, interval: int, work: Work) -> None:
+    """Write the inputs of the network from machines, infinite buses and ports into `work.inputs`, p.u."""
+    _add_at_controls(plant, x, reference, work)
+    prepare(plant, x, work)
+    set_machines(plant, x, interval, work)
     if source.size == 0:
         respond(plant, interval, work)
         return
     if source.size == 1 or len(plant.sparse_networks) == 0:
+        first = plant.machines.size + plant.infinite.size
         for p in range(source.size):
             work.inputs[first + p] = 0.0
         respond(plant, interval, work)
         for p in range(source.size):
-            work.given[p] = row_times(plant, interval, machines + p, work.inputs, work)
+            work.given[p] = row_times(plant, interval, plant.machines.size + p, work.inputs, work)
     solve_ports(plant, x, reference, source, interval, work)
     set_sources(plant, source, work)
     respond(plant, interval, work)
@@ -181,7 +184,7 @@ def _sense_inverter(plant: Plant, source: Complex1, interval: int, i: int, work:
     if v.bus >= 0:
         bus = row_times(plant, interval, v.bus, work.inputs, work)
         if v.branch >= 0:
-            flowing = row_times(plant, interval, v.branch, work.inputs, work) / v.ratio
+            flowing = divided(row_times(plant, interval, v.branch, work.inputs, work), v.ratio)
         inverter.sense_plant(v, bus, flowing, s)
 
 

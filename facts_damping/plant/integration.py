@@ -10,18 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.plant.converters.first_order_lag import first_order_lag
-from facts_damping.plant.dynamics import derivatives, solve_network
+from facts_damping.plant.dynamics import derivatives, set_machines, solve_network
 from facts_damping.plant.forced_oscillations import begin_oscillations, move_oscillations
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.measurement import write_phasors
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
+from facts_damping.plant.network_response import respond, set_sources
+from facts_damping.plant.prediction import keep_motion, moved, predict
 from facts_damping.plant.watchdog import accepts, arrive, due_ns, release, send
 from facts_damping.signals import NOT_YET, Setpoints
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.compiling.structs import Complex1, Float1
+    from facts_damping.compiling.structs import Float1
 
 
 @compiled
@@ -47,10 +49,10 @@ def _slopes(plant: Plant, state: PlantState, ramp: Float1, interval: int, elapse
                 trial[i] = x[i] + fraction * k[part - 1, i]
             _move_inputs(plant, state, ramp, elapsed, fraction, work)
         if large:
-            _extrapolate(state, part, 0.5 * h, work.source_before)
+            predict(part, h, state.source, state.source_motion, work.source_path)
         derivatives(plant, trial, reference, state.source, interval, k[part], work)
     if large:
-        _keep_rates(state, 0.5 * h, work.source_before)
+        keep_motion(h, state.source, state.source_motion, work.source_path)
 
 
 @compiled
@@ -84,13 +86,15 @@ def _take_sample(
     for i in range(x.size):
         work.trial[i] = x[i] + h * (first * k[0, i] + middle * (k[1, i] + k[2, i]) + last * k[3, i])
     _move_inputs(plant, state, ramp, elapsed, seconds, work)
-    large, half = len(plant.sparse_networks) > 0, 0.5 * h
+    if len(plant.sparse_networks) > 0:
+        for p in range(work.source.size):
+            work.source[p] = state.source[p] + moved(state.source_motion, p, seconds - h)
+        set_machines(plant, work.trial, interval, work)
+        set_sources(plant, work.source, work)
+        respond(plant, interval, work)
+        return
     for p in range(work.source.size):
         work.source[p] = state.source[p]
-        if large:  # the square through the begin, half way and the end
-            beyond = (seconds - half) / half
-            mean = state.source_rate[p] + 0.5 * (beyond - 1.0) * state.source_bend[p]
-            work.source[p] = work.source_before[p] + beyond * half * mean
     solve_network(plant, work.trial, work.reference, work.source, interval, work)
 
 
@@ -108,29 +112,6 @@ def _finish(plant: Plant, state: PlantState, ramp: Float1, h: float, work: Work)
         if plant.devices[d].response_time > 0.0:
             x[plant.devices[d].lag] = work.trial[plant.devices[d].lag]
     _move_reference(state, ramp, h)
-
-
-@compiled
-def _extrapolate(state: PlantState, part: int, half: float, before: Complex1) -> None:
-    """Move the ports' sources to the end of the coming half step, of `half` s, by their rates in the last two."""
-    source, rate, bend = state.source, state.source_rate, state.source_bend
-    for p in range(source.size):
-        if part == 1:
-            before[p] = source[p]
-            source[p] += half * (rate[p] + bend[p])
-        elif part == 3:
-            half_way = source[p]
-            bend[p] = (half_way - before[p]) / half
-            source[p] += half * (2.0 * bend[p] - rate[p])
-            before[p] = half_way
-
-
-@compiled
-def _keep_rates(state: PlantState, half: float, half_way: Complex1) -> None:
-    """Write the rates of the ports' sources in the second half of a step, and their change from the first."""
-    for p in range(state.source.size):
-        state.source_rate[p] = (state.source[p] - half_way[p]) / half
-        state.source_bend[p] = state.source_rate[p] - state.source_bend[p]
 
 
 @compiled

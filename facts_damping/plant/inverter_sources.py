@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
-from facts_damping.elementary import magnitude, sin_cos
+from facts_damping.elementary import divided, magnitude, sin_cos
 from facts_damping.plant.inverters import inverter
 from facts_damping.plant.machines import blocks
 
@@ -79,7 +79,8 @@ def law(plant: Plant, interval: int, i: int, voltage: complex, p: int, work: Wor
     v, size = plant.inverters[i], magnitude(voltage)
     along = complex(voltage.real / size, voltage.imag / size) if size > inverter.SMALL else 1.0 + 0j
     size = max(size, inverter.SMALL)
-    turn, by_real, by_imag = along, (1.0 - along * along.real) / size, (1j - along * along.imag) / size
+    turn = along
+    by_real, by_imag = divided(1.0 - along * along.real, size), divided(1j - along * along.imag, size)
     if v.angle >= 0:
         turn, by_real, by_imag = work.inverter_turn[i], 0j, 0j
     y = v.admittance
@@ -95,7 +96,7 @@ def law(plant: Plant, interval: int, i: int, voltage: complex, p: int, work: Wor
         by_real, by_imag = y * (emf * by_real - 1.0), y * (emf * by_imag - 1j)
         flowing = magnitude(current)
         if flowing > v.I_max:
-            unit, cut = current / flowing, v.I_max / flowing
+            unit, cut = divided(current, flowing), v.I_max / flowing
             by_real = cut * (by_real - unit * (unit.conjugate() * by_real).real)
             by_imag = cut * (by_imag - unit * (unit.conjugate() * by_imag).real)
             current = v.I_max * unit

@@ -19,6 +19,7 @@ from facts_damping.plant.network_response import row_times
 from facts_damping.signals import SPEED_BAND, DeviceTruths, MachineTruths
 
 MOMENT = 1e-6  # s, time step of the angle's difference quotient for the frequency
+LARGE_MOMENT = 3e-5  # s, the same of a large grid, whose ports are solved less closely
 
 
 @compiled
@@ -118,17 +119,21 @@ def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
 
 
 @compiled
-def _a_moment_later(plant: Plant, state: PlantState, interval: int, work: Work) -> None:
-    """Solve the network MOMENT later on the plant's trajectory, with held references; into `work`, not the state."""
-    dx, trial = work.slopes[0], work.trial
+def _a_moment_later(plant: Plant, state: PlantState, interval: int, work: Work) -> float:
+    """Solve the network a moment later on the plant's trajectory, with held references; into `work`, not the state.
+
+    Returns the moment, s.
+    """
+    dx, trial, moment = work.slopes[0], work.trial, LARGE_MOMENT if len(plant.sparse_networks) > 0 else MOMENT
     for p in range(work.source.size):
         work.source[p] = state.source[p]
     derivatives(plant, state.x, state.reference, work.source, interval, dx, work)
     for i in range(dx.size):
-        trial[i] = state.x[i] + MOMENT * dx[i]
-    move_noise(plant, work, MOMENT)
-    move_oscillations(plant, work, MOMENT)
+        trial[i] = state.x[i] + moment * dx[i]
+    move_noise(plant, work, moment)
+    move_oscillations(plant, work, moment)
     solve_network(plant, trial, state.reference, work.source, interval, work)
+    return moment
 
 
 @entry_point
@@ -162,7 +167,7 @@ def measure(
     for d in range(plant.devices.size):
         _device(plant, state, d, devices[d], work)
     write_phasors(plant, interval, work, work.phasors)
-    _a_moment_later(plant, state, interval, work)
+    moment = _a_moment_later(plant, state, interval, work)
     first = plant.machines.size + plant.ports.size
     for s in range(plant.pmu_machine.size):
         voltage, current = work.phasors[s, 0], work.phasors[s, 1]
@@ -174,7 +179,7 @@ def measure(
         frame[s, 2] = math.nan if g < 0 else x[plant.machines[g].offset + 1]
         frame[s, 3] = flow.real
         frame[s, 4] = flow.imag
-        frame[s, 5] = (plant.omega_0 + phase(later * voltage.conjugate()) / MOMENT) / (2.0 * math.pi)
+        frame[s, 5] = (plant.omega_0 + phase(later * voltage.conjugate()) / moment) / (2.0 * math.pi)
         frame[s, 6] = math.nan
         frame[s, 7] = magnitude(current)
         frame[s, 8] = phase(current)

@@ -79,8 +79,7 @@ class PlantState(Struct):
     """State of a plant: `x` in the kernels' order, and the reference of each device and its target, p.u.
 
     `watch`: state of the watchdogs; `under_way`: setpoints in their dead times. `source`: the last solution of the
-    ports' sources (p.u.), from which the next one starts; of a large grid `source_rate`, in the last half step, and
-    `source_bend`, by how much it was another in the half step before, p.u./s.
+    ports' sources (p.u.), from which the next one starts; of a large grid `source_motion`, as `prediction` has it.
     """
 
     x: Float1
@@ -88,8 +87,7 @@ class PlantState(Struct):
     target: Float1
     watch: Annotated[NDArray[Any], Array(WATCH, 1)]  # watchdog.WATCH
     source: Complex1
-    source_rate: Complex1
-    source_bend: Complex1
+    source_motion: Complex2  # (3, ports)
     under_way: Annotated[NDArray[Any], Array(UNDER_WAY, 2)]  # watchdog.UNDER_WAY, (devices, room)
     waiting: Int1  # (devices,), number of setpoints in `under_way`
 
@@ -115,7 +113,7 @@ class Work(Struct):
     matrix: Float2  # (2 ports, 2 ports + 1), of Newton's method, with the mismatch
     step: Float1  # (2 ports,)
     source: Complex1  # (ports,), of a solution that is not stored in the state
-    source_before: Complex1  # (ports,), of the solution half a step before
+    source_path: Complex2  # (2, ports), within a step, as `prediction` has it
     phasors: Complex2  # (PMUs, 2), voltages and currents of the PMUs, p.u.
     samples: Complex3  # (instants, PMUs, 2), likewise, within a call of `advance`
     noise: Float2  # (loads, 2), relative, of P and Q, current values, with forced oscillations
@@ -158,7 +156,7 @@ def workspace(plant: Plant, state: PlantState, samples: int = 0) -> Work:
         np.zeros((2 * ports, 2 * ports + 1)),
         np.zeros(2 * ports),
         np.zeros(ports, np.complex128),
-        np.zeros(ports, np.complex128),
+        np.zeros((2, ports), np.complex128),
         np.zeros((len(plant.pmu_machine), 2), np.complex128),
         np.zeros((samples, len(plant.pmu_machine), 2), np.complex128),
         np.zeros((len(plant.loads), 2)),
@@ -185,8 +183,8 @@ def fitted(state: PlantState, plant: Plant) -> PlantState:
     """A state for a plant with more ports or fewer, as after an event during a run; the same if it fits."""
     if len(state.source) == len(plant.ports):
         return state
-    none = np.zeros(len(plant.ports), np.complex128)
-    return state._replace(source=none, source_rate=none.copy(), source_bend=none.copy())
+    ports = len(plant.ports)
+    return state._replace(source=np.zeros(ports, np.complex128), source_motion=np.zeros((3, ports), np.complex128))
 
 
 @compiled
@@ -201,6 +199,5 @@ def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
         interval += 1
     if plant.interval_start_ns[interval] == time_ns and plant.inverters.size == 0:
         state.source[:] = 0.0
-        state.source_rate[:] = 0.0
-        state.source_bend[:] = 0.0
+        state.source_motion[:] = 0.0
     return interval

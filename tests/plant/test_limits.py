@@ -95,7 +95,7 @@ def at_a_port(converter: Any, x: Sequence[float], u: float, voltage: complex, im
         ports=np.array([(DEVICE, 0, converter["I_min"], np.inf)], PORT),
     )
     lines = line([0.0])
-    sources = np.zeros(1, complex), np.zeros(1, complex), np.zeros(1, complex)
+    sources = np.zeros(1, complex), np.zeros((3, 1), complex)
     state = PlantState(np.array(x), np.array([-u]), np.zeros(1), initial_watch(1), *sources, *lines)
     work = workspace(model, state)
     solve_network(model, state.x, state.reference, state.source, 0, work)

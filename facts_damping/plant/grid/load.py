@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.elementary import atan2, magnitude
+from facts_damping.elementary import atan2, divided, magnitude
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
@@ -111,5 +111,6 @@ def characteristic(
     reactive = reactive_factor * reactive + more_reactive * r * r
     reactive_slope = reactive_factor * reactive_slope + 2.0 * more_reactive * r
     drawn = complex(d.P * active, -d.Q * reactive)
-    slope = complex(d.P * active_slope, -d.Q * reactive_slope) / d.V0
-    return -drawn / voltage, (drawn / voltage - slope) / voltage
+    slope = complex(d.P * active_slope / d.V0, -d.Q * reactive_slope / d.V0)
+    relative = divided(drawn, voltage)
+    return -relative, divided(relative - slope, voltage)

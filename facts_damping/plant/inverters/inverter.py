@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.elementary import atan2, magnitude
+from facts_damping.elementary import atan2, divided, magnitude
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
@@ -109,7 +109,7 @@ def greatest_voltage(v: Any, source: complex, h: complex, without: float) -> flo
 @compiled
 def current(v: Any, source: complex, voltage: complex) -> complex:
     """Current of an inverter into the network, p.u. of its rating, from its port's source (p.u. of the system)."""
-    return source / v.ratio - v.admittance * voltage  # type: ignore[no-any-return]
+    return divided(source, v.ratio) - v.admittance * voltage  # type: ignore[no-any-return]
 
 
 @compiled
