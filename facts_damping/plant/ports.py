@@ -179,7 +179,7 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
 
     A port is coupled most to itself, so that a round reduces the error some tenfold; it costs little more than the
     mismatch. It is given up when the mismatch no longer falls to half; of a large grid with inverters, which are more
-    coupled, when it no longer falls. Of a large grid the mismatch after the last step is expected to fall once more as
+    coupled, when it no longer falls, or where a port has no step. Of a large grid the mismatch after the last step is expected to fall once more as
     it fell before. Inverters that are not `NEAR` are solved in closed form, and blocked if they cannot be.
     """
     before, large = math.inf, len(plant.sparse_networks) > 0
@@ -200,6 +200,8 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
             else:
                 step = settled(plant, interval, h, source[p], p, work) - source[p]
                 before = math.inf if work.blocked[p] else before
+            if math.isnan(step.real):
+                return False
             solved = solved and right
             total += square
             source[p] += step
@@ -213,10 +215,14 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
 
 @compiled
 def _own_step(h: complex, f: Float2, rest: complex) -> complex:
-    """The change of a port's source that removes its mismatch: (I - F h)^-1 times it, with its own response h."""
+    """The change of a port's source that removes its mismatch: (I - F h)^-1 times it, with its own response h.
+
+    NaN if none does.
+    """
     a, b = 1.0 - (f[0, 0] * h.real + f[0, 1] * h.imag), f[0, 0] * h.imag - f[0, 1] * h.real
     c, d = -(f[1, 0] * h.real + f[1, 1] * h.imag), 1.0 + f[1, 0] * h.imag - f[1, 1] * h.real
-    return divided(complex(d * rest.real - b * rest.imag, a * rest.imag - c * rest.real), a * d - b * c)
+    by = a * d - b * c if a * d != b * c else math.nan
+    return divided(complex(d * rest.real - b * rest.imag, a * rest.imag - c * rest.real), by)
 
 
 @compiled
