@@ -178,9 +178,10 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     """Newton's method for one port after the other, with the other sources as they are; returns whether it converged.
 
     A port is coupled most to itself, so that a round reduces the error some tenfold; it costs little more than the
-    mismatch. It is given up when the mismatch no longer falls to half; of a large grid with inverters, which are more
-    coupled, when it no longer falls, or where a port has no step. Of a large grid the mismatch after the last step is expected to fall once more as
-    it fell before. Inverters that are not `NEAR` are solved in closed form, and blocked if they cannot be.
+    mismatch. It is given up where a port has no step, or when the mismatch no longer falls to half; of a large grid
+    with inverters, which are more coupled, when it no longer falls. Of a large grid the mismatch after the last step is
+    expected to fall once more as it fell before. Inverters that are not `NEAR` are solved in closed form, and blocked
+    if they cannot be.
     """
     before, large = math.inf, len(plant.sparse_networks) > 0
     tolerance, falls = LARGE_TOLERANCE if large else TOLERANCE, 1.0 if large and plant.inverters.size > 0 else 0.25
