@@ -55,6 +55,8 @@ def _plot_shapes(modal: Modal, path: Path) -> Path:
         axes.set_title(f"{mode.frequency_hz:.3f} Hz, damping {mode.damping_ratio:.3f}\n{mode.label}", fontsize=9)
     figure.suptitle(f"{modal.system.name}: mode shapes (speeds, relative to the fastest)", fontsize=10)
     if len(modal.swings) > MAX_MODES:  # the largest first
+        for text in texts:
+            text.set(va="bottom", bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.5})
         thin_out(figure, texts)
     return save_picture(figure, path, dpi=150)
 
