@@ -116,7 +116,7 @@ def panel(case: Case, name: str) -> Panel:
     measured = [frequencies[bus] for bus in dict.fromkeys(system.pmu_buses().values())]
     charts = [
         _chart("frequency at PMUs", "Hz", measured),
-        _chart("rotor angle against the centre of inertia", "deg", [angles[name] for name in _largest(system)]),
+        _chart("rotor angle against the centre of inertia", "deg", [angles[name] for name in largest(system)]),
         _chart("active power", "MW", flows),
         *of_devices,
         _chart("difference of frequencies", "mHz", [mode.signal for mode in modes]),
@@ -153,7 +153,7 @@ def _machines(case: Case, curves: _Curves) -> tuple[dict[str, int], dict[str, in
     return angles, powers
 
 
-def _largest(system: System) -> list[str]:
+def largest(system: System) -> list[str]:
     """Machines whose angles have curves: all, or if they are many, the largest of each of the largest plants."""
     if len(system.machines) <= ANGLES:
         return [machine.name for machine in system.machines]
