@@ -23,12 +23,14 @@ def import_(arguments: argparse.Namespace) -> None:
     case = Path(arguments.case)
     files.check_writable(arguments.out, "--out")
     report_lines = list[str]()
-    of_psse = {f"--loads {arguments.loads!r}": arguments.loads is not None, "--strict": arguments.strict}
+    of_psse = {f"--loads {arguments.loads!r}": arguments.loads is not None}
+    of_psse |= {"--strict": arguments.strict, "--zones": arguments.zones}
     if case.suffix.lower() == ".raw":
         if arguments.dynamics is not None:
             raise InputError(f"--dynamics {arguments.dynamics}: given with a RAW file; allowed: with a MATPOWER case")
         model = loads.IMPEDANCE if arguments.loads is None else loads.load_model(arguments.loads)
-        imported = conversion.import_case(case, None if arguments.dyr is None else Path(arguments.dyr), model)
+        dyr = None if arguments.dyr is None else Path(arguments.dyr)
+        imported = conversion.import_case(case, dyr, model, zones=arguments.zones)
         if arguments.strict and imported.inexact:
             last = f"--strict: {len(imported.inexact)} replaced or left out given; allowed: none"
             raise ProblemsError([*imported.inexact, last], most=len(imported.inexact) + 1)

@@ -23,6 +23,8 @@ from facts_damping_validation.table import Row, ValidationTable, figures, furthe
 from facts_damping_validation.time_domain import follow
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from facts_damping.compiling.structs import Complex1, Float2
 
 FOLDER = "wecc240"
@@ -32,32 +34,38 @@ SAME_POWER_FLOW = 1e-8  # p.u.
 SAME_SWINGS, SAME_EQUATIONS = 2e-6, 1e-5  # 1/s; the second also of eigenvalues that lie together
 NOTHING = 1e-9  # 1/s, of a coefficient of a state matrix
 STEP = 1e-5  # p.u., what ANDES's steps of 8.3 ms may leave of speeds
+CONTROLS_AS_THERE = {"REECB1": (DIVIDES,)}
 TRIP = {"kind": "generator_trip", "machine": "G1431_N", "time": 1.0}
 
 
 def andes() -> ValidationTable:
     """Power flow, eigenvalues without and with stabilisers, the trip of 2.4 GW."""
-    content = _content()
-    without = _as_there(content | {"stabilisers": []})
-    with models_with({"REECB1": (DIVIDES,)}):
-        rows = [_voltages(without), _all_eigenvalues(without), _swings(_as_there(content)), _trip(without)]
+    without, stabilised = (check(System, as_there(stabilisers=there), FOLDER) for there in (False, True))
+    with models_with(CONTROLS_AS_THERE):
+        rows = [_voltages(without), _all_eigenvalues(without), _swings(stabilised), _trip(without)]
     command = f"facts-damping import {' '.join(FILES)}"
     return ValidationTable("WECC-240", "ANDES", command, rows)
 
 
-@cache
-def _content() -> dict[str, Any]:
+def files() -> tuple[Path, Path]:
+    """RAW and DYR."""
     folder = share_folder() / "config" / "references" / FOLDER
     raw, dyr = (folder / name for name in FILES)
-    return import_case(raw, dyr).content
+    return raw, dyr
 
 
-def _as_there(content: dict[str, Any]) -> System:
-    """The system at ANDES's powers of its units, with its equations.
+@cache
+def _content() -> dict[str, Any]:
+    return import_case(*files()).content
+
+
+def as_there(*, stabilisers: bool) -> dict[str, Any]:
+    """Content of the system at ANDES's powers of its units, with its equations (`models_with(CONTROLS_AS_THERE)`).
 
     A plant control without a branch sees no power there and stands still; powers are not divided by the speed; HYGOV
     integrates with 1 for 1 / (r Tr) and has Tw in p.u. of the system.
     """
+    content = _content() | ({} if stabilisers else {"stabilisers": []})
     powers = {str(row["unit"]): {"P": float(row["P"]), "Q": float(row["Q"])} for row in figures(f"{FOLDER}/units")}
     ratings = {row["name"]: row["rating"] / content["base_power"] for row in content["machines"]}
     machines, inverters = (
@@ -71,9 +79,9 @@ def _as_there(content: dict[str, Any]) -> System:
         for row in content["governors"]
     ]
     controls = [row for row in content["inverter_controls"] if row["model"] != "REPCA1"]
-    as_there = {"governors": governors, "inverters": inverters, "inverter_controls": controls, "ranges": "physical"}
-    as_there["machines"] = [row | {"speed_torque": False} for row in machines]
-    return check(System, content | as_there, FOLDER)
+    changed = {"governors": governors, "inverters": inverters, "inverter_controls": controls, "ranges": "physical"}
+    changed["machines"] = [row | {"speed_torque": False} for row in machines]
+    return content | changed
 
 
 def _voltages(system: System) -> Row:

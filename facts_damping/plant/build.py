@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from facts_damping.devices.kind import Site
 from facts_damping.devices.table import KINDS
 from facts_damping.elementary import phase
 from facts_damping.errors import ProblemsError
+from facts_damping.machine_controls.block_models import MODELS
 from facts_damping.numerics.phasors import magnitudes
 from facts_damping.plant import load_noise
 from facts_damping.plant.converters import dispatch
@@ -39,11 +41,11 @@ if TYPE_CHECKING:
     from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
-    from facts_damping.plant.inverters.start import Inverters
     from facts_damping.plant.machines.block_rest import LimitViolation
     from facts_damping.plant.rotating import Rotating
 
 LARGE = 100  # machines, infinite buses and ports, above which factors are faster than a dense matrix
+_last: list[tuple[Any, Any]] = [(None, None)]  # what units at rest were computed from last, and they
 AT_REST = 5  # solutions of a large network at the start, each of which begins from the one before
 
 
@@ -70,8 +72,8 @@ def build(
     impossible.
     """
     steps = topology_intervals(system, listed)
-    start = _at_rest(system, installed, _loads_at_ports(system, noisy, listed))
-    flow, states, ports, rotating, inverters, every, loads, load_rows, placed = start
+    loads = _loads_at_ports(system, noisy, listed)
+    flow, states, ports, rotating, inverters, every, load_rows, placed = _at_rest(system, installed, loads)
     if watchdog is not None:
         placed["watchdog"] = watchdog
     at: dict[str | None, int] = {None: -1} | {m.name: g for g, m in enumerate(system.machines)}
@@ -136,26 +138,23 @@ def _oscillations(
     return rows
 
 
-class _Start(NamedTuple):
-    """All that a plant has at rest: power flow, states, ports, and tables of machines, inverters, loads and devices."""
-
-    flow: PowerFlow
-    states: States
-    ports: Ports
-    rotating: Rotating
-    inverters: Inverters
-    blocks: NDArray[Any]
-    loads: Sequence[Load]
-    load_rows: NDArray[Any]
-    placed: NDArray[Any]
+def _units_at_rest(system: System, installed: Sequence[str]) -> tuple[PowerFlow, States, Ports, Rotating, Inverters]:
+    """Power flow, machines and inverters at rest; a run asks twice: with events, and without for its design."""
+    key, last = (system.model_dump_json(), list(installed), dict(MODELS)), _last[0]
+    if last[0] != key:
+        flow, states = solve(system, installed), States()
+        rotating = machines_at_rest(system, flow, states)
+        ports = _salient_ports(system, rotating)
+        inverters = inverters_at_rest(system, flow, states, ports, sum(map(len, rotating.blocks)))
+        last = _last[0] = key, (flow, states, ports, rotating, inverters)
+    return deepcopy(last[1])  # type: ignore[no-any-return]
 
 
-def _at_rest(system: System, installed: Sequence[str], loads: Sequence[Load]) -> _Start:
+def _at_rest(
+    system: System, installed: Sequence[str], loads: Sequence[Load]
+) -> tuple[PowerFlow, States, Ports, Rotating, Inverters, NDArray[Any], NDArray[Any], NDArray[Any]]:
     """The plant's parts at rest, `loads` at ports. Raises `InputError` with all limits that exclude the start."""
-    flow, states = solve(system, installed), States()
-    rotating = machines_at_rest(system, flow, states)
-    ports = _salient_ports(system, rotating)
-    inverters = inverters_at_rest(system, flow, states, ports, sum(map(len, rotating.blocks)))
+    flow, states, ports, rotating, inverters = _units_at_rest(system, installed)
     if problems := [*map(str, [*rotating.violations, *inverters.violations]), *inverters.failures]:
         raise ProblemsError(problems)
     every = np.concatenate([np.zeros(0, blocks.BLOCK), *rotating.blocks, *inverters.blocks])
@@ -169,7 +168,7 @@ def _at_rest(system: System, installed: Sequence[str], loads: Sequence[Load]) ->
     outputs = len(system.machines) + len(ports.rows) + 2 * len(system.pmus)
     for field, more in (("bus", 0), ("branch", len(system.meters))):
         inverters.rows[field] += np.where(inverters.rows[field] < 0, 0, outputs + more)
-    return _Start(flow, states, ports, rotating, inverters, every, loads, load_rows, placed)
+    return flow, states, ports, rotating, inverters, every, load_rows, placed
 
 
 def _salient_ports(system: System, rotating: Rotating) -> Ports:
@@ -193,9 +192,7 @@ def _loads_at_ports(system: System, noisy: Collection[str], listed: Sequence[Eve
 
 def limit_violations(system: System) -> list[LimitViolation]:
     """Limits of block controls that exclude the initial state, for a system without devices."""
-    flow, states = solve(system, []), States()
-    machines = machines_at_rest(system, flow, states)
-    inverters = inverters_at_rest(system, flow, states, Ports(), 0)
+    *_, machines, inverters = _units_at_rest(system, [])
     if inverters.failures:
         raise ProblemsError(inverters.failures)
     return [*machines.violations, *inverters.violations]
@@ -234,15 +231,10 @@ def _loads(
 
 
 def _devices(
-    system: System,
-    installed: Sequence[Device],
-    flow: PowerFlow,
-    voltages: dict[str, float],
-    states: States,
-    ports: Ports,
+    system: System, devices: Sequence[Device], flow: PowerFlow, voltages: dict[str, float], states: States, ports: Ports
 ) -> NDArray[Any]:
-    rows = np.zeros(len(installed), dispatch.DEVICE)
-    for d, device in enumerate(installed):
+    rows = np.zeros(len(devices), dispatch.DEVICE)
+    for d, device in enumerate(devices):
         machine, inverter, places, sizes, angle = -1, -1, list[Place](), [math.nan], 0.0
         if isinstance(device, AtInverter):
             inverter = [i.name for i in system.inverters].index(device.inverter)

@@ -111,7 +111,7 @@ def _near(A: Descriptor, s: complex) -> tuple[Complex1, Complex2, Complex2]:
 
         operator = LinearOperator((n, n), matvec=inverse, dtype=np.complex128)
         start = np.array(1.0 / np.arange(1.0, n + 1), np.complex128)
-        values, vectors = eigs(operator, NEAREST, which="LM", v0=start, ncv=min(n, 4 * NEAREST), tol=TOLERANCE)
+        values, vectors = eigs(operator, NEAREST, which="LM", v0=start, ncv=min(n, 3 * NEAREST), tol=TOLERANCE)
         spaces.append((s + 1.0 / values, vectors))
     (values, right), (_, left) = spaces
     return values, left @ np.linalg.inv(right.T @ left), right

@@ -22,7 +22,9 @@ def add_to(add: Add) -> None:
         "bench andes",
     )
     command.add_argument("programs", nargs="*", metavar="PROGRAM", help="which, of docs/validation.md; none: all")
-    command.add_argument("--large", action="store_true", help="140 buses and 48 machines instead, beside ANDES alone")
+    larger = command.add_mutually_exclusive_group()
+    larger.add_argument("--large", action="store_true", help="140 buses and 48 machines instead, beside ANDES alone")
+    larger.add_argument("--wecc", action="store_true", help="WECC-240 instead, with inverters, beside ANDES alone")
     common(command, sets=False)
 
 
@@ -34,10 +36,13 @@ def bench(arguments: argparse.Namespace) -> None:
     from facts_damping.output.terminal import Progress
     from facts_damping.output.writing import write_json
     from facts_damping.parameters import files
-    from facts_damping_bench import grid, large, pages, study, ticks
-    from facts_damping_bench.programs import EXCHANGE, LARGE, OURS, PROGRAMS
+    from facts_damping_bench import grid, large, pages, study, ticks, wecc
+    from facts_damping_bench.programs import EXCHANGE, LARGE, OURS, PROGRAMS, WECC
 
-    allowed = [name for name in (LARGE if arguments.large else (*PROGRAMS, EXCHANGE)) if name != OURS]
+    larger = (LARGE, large.SHOWN, large.REPEATS) if arguments.large else (WECC, wecc.SHOWN, wecc.REPEATS)
+    alone = arguments.large or arguments.wecc
+    table, shown, repeats = larger if alone else (PROGRAMS, grid.SHOWN, study.REPEATS)
+    allowed = [name for name in (*table, *(() if alone else (EXCHANGE,))) if name != OURS]
     for name in arguments.programs:
         check_known("PROGRAM", name, allowed)
     asked = arguments.programs or allowed
@@ -47,14 +52,11 @@ def bench(arguments: argparse.Namespace) -> None:
     others, results, rates = [name for name in asked if name != EXCHANGE], [], []
     clean_up_first()
     with Progress("bench", "runs") as progress:
-        if arguments.large:
-            results = study.measure(others, progress, large.REPEATS, LARGE, sweep=False)
-        elif others:
-            results = study.measure(others, progress)
+        if others:
+            results = study.measure(others, progress, repeats, table, sweep=not alone)
         if EXCHANGE in asked:
             rates = ticks.measure(progress)
     write_json(arguments.json, pages.document(results, rates))
-    shown = large.SHOWN if arguments.large else grid.SHOWN
     for line in pages.text(results, rates, shown):
         say(arguments, line)
     if folder is not None and results:

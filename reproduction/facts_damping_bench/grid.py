@@ -33,10 +33,15 @@ class Shown(NamedTuple):
 
     name: str  # on the axis of the picture
     text: str
-    fault: str  # where it is
+    event: str
 
 
-SHOWN = Shown(SYSTEM, SYSTEM, FAULT_BUS)
+def fault_at(bus: str) -> str:
+    """The fault in words."""
+    return f"three-phase fault at {bus} through j {FAULT_X:g} p.u. from {FAULT_START:g} to {FAULT_END:g} s"
+
+
+SHOWN = Shown(SYSTEM, SYSTEM, fault_at(FAULT_BUS))
 
 
 class TimedRun(NamedTuple):

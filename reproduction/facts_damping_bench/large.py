@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from facts_damping.errors import InputError
-from facts_damping_bench.grid import Shown
+from facts_damping_bench.grid import Shown, fault_at
 from facts_damping_bench.programs import LARGE, missing
 
 BUS = 37
@@ -18,7 +18,7 @@ REPEATS = 3
 SHOWN = Shown(
     "NPCC",
     "NPCC (140 buses; 48 machines, 21 of them classical; 24 exciters, 29 governors; from the RAW and DYR inside ANDES)",
-    f"bus {BUS}",
+    fault_at(f"bus {BUS}"),
 )
 
 

@@ -31,9 +31,8 @@ MARKS = ["o", "s", "^", "D", "v", "P"]
 def case(shown: Shown) -> str:
     """What is run, and what an error is."""
     return (
-        f"{grid.DURATION:g} s of {shown.text}, three-phase fault at {shown.fault} through j {grid.FAULT_X:g} p.u. from "
-        f"{grid.FAULT_START:g} to {grid.FAULT_END:g} s, one core. error: of a swing over the largest swing, against "
-        f"the same program with a step {FINER} times finer than its finest here."
+        f"{grid.DURATION:g} s of {shown.text}, {shown.event}, one core. error: of a swing over the largest swing, "
+        f"against the same program with a step {FINER} times finer than its finest here."
     )
 
 

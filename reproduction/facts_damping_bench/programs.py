@@ -106,6 +106,28 @@ LARGE = {
         "reactive power otherwise than ours",
     ),
 }
+WECC = {
+    OURS: Program(
+        "facts_damping",
+        f"{ROOM}.wecc_ours",
+        (),
+        FEWER,
+        "",
+        (),
+        "imported from the files, with ANDES's equations; Runge-Kutta of fourth order; the network is reduced before "
+        "the run, which counts as set-up",
+    ),
+    "andes": Program(
+        "ANDES",
+        f"{ROOM}.wecc_andes",
+        PROGRAMS["andes"].distributions,
+        STEPS[1:],
+        "",
+        (),
+        "the files without IEEEST, whose numerator it drops; trapezoidal rule, its steps of 0.1 ms after events, "
+        "tolerance 1e-6",
+    ),
+}
 HELICS = ("helics",)  # the distribution
 
 

@@ -1,9 +1,14 @@
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
+from facts_damping.machine_controls.block_models import MODELS
 from facts_damping.parameters.files import shipped as names
+from facts_damping.plant import build
+from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
 from tests.plant.running import follow, frame_times, moved, plant, shipped, slopes
 
@@ -39,3 +44,18 @@ def test_dc_link_recovers_within_100_ms(vdc: float, setpoint: float) -> None:
     assert np.abs(dc_voltage[50:] - 1).max() < 0.03
     assert np.abs(dc_voltage[100:] - 1).max() < 0.005
     assert dc_voltage[-1] == pytest.approx(1, abs=1e-5)
+
+
+def test_units_at_rest_are_computed_once_for_the_same_system_and_models(monkeypatch: pytest.MonkeyPatch) -> None:
+    counted = Mock(side_effect=solve)
+    monkeypatch.setattr(build, "solve", counted)
+    monkeypatch.setattr(build, "_last", [(None, None)])
+    system = shipped("two_area")
+    first, again = build.build(system, [], []), build.build(system, [], [])
+    assert counted.call_count == 1
+    assert again.state.x.tobytes() == first.state.x.tobytes()
+    assert not np.shares_memory(again.plant.machines, first.plant.machines)
+    build.build(system, ["sssc"], [])
+    monkeypatch.setitem(MODELS, "SEXS", MODELS["SEXS"]._replace(blocks=()))
+    build.build(system, ["sssc"], [])
+    assert counted.call_count == 3

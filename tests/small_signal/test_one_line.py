@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from facts_damping.parameters.plant.placement import place
 from facts_damping.small_signal.modal_tables import analyse
 from facts_damping_studies.modes import one_line
 from facts_damping_views.bus_places import places
+from facts_damping_views.crowded import thin_out
 from tests.plant.running import changed, shipped
 from tests.two_plants import path
 
@@ -66,3 +68,11 @@ def test_inverters_are_drawn_with_what_acts_on_them(
     drawn = [text for text in axes.texts if text.arrow_patch is not None and text.arrow_patch.get_linewidth() == 1.4]
     assert len(drawn) == arrows
     assert "inverters" in [text.get_text() for text in figures[0].legends[0].texts]
+
+
+def test_of_labels_that_cover_each_other_the_first_stays() -> None:
+    figure = Figure(figsize=(4.0, 4.0))
+    axes = figure.add_subplot()
+    texts = [axes.text(x, 0.5, "a long label") for x in (0.1, 0.15, 0.7)]
+    thin_out(figure, texts)
+    assert [text.get_visible() for text in texts] == [True, False, True]

@@ -142,10 +142,17 @@ class ImportedCase(NamedTuple):
     inexact: list[str]
 
 
-def import_case(raw: Path, dyr: Path | None = None, load_model: LoadModel = IMPEDANCE) -> ImportedCase:
-    """A PSS/E case as a validated system that has a rest. Raises `ProblemsError` with all that is wrong."""
+def import_case(
+    raw: Path, dyr: Path | None = None, load_model: LoadModel = IMPEDANCE, *, zones: bool = False
+) -> ImportedCase:
+    """A PSS/E case as a validated system that has a rest; `zones`: these are the areas of its machines.
+
+    Raises `ProblemsError` with all that is wrong.
+    """
     problems = Problems()
     case = read_raw(raw, problems.lines)
+    for row in case.tables["bus"] if zones else ():
+        row["GROUP"] = f"zone_{int(row['ZONE'])}"
     records, dyr_name = (None, "") if dyr is None else (read_dyr(dyr, problems.lines), dyr.name)
     try:
         content, dynamics, notes = convert(case, records, dyr_name, load_model=load_model, problems=problems)

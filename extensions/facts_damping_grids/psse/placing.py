@@ -105,7 +105,8 @@ def _forms(row: Row) -> bool:
 def _named(place: _Place, buses: Mapping[int, Row]) -> Row:
     """Name, bus, area and rating of a machine or an inverter."""
     unit = place.unit
-    area = f"area_{int(buses[unit.bus]['AREA'])}"
+    bus = buses[unit.bus]
+    area = bus.get("GROUP") or f"area_{int(bus['AREA'])}"
     return {"name": unit.name, "bus": place.bus, "area": area, "rating": unit.rating}
 
 

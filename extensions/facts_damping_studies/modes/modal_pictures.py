@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from facts_damping.output.picture_files import save_picture
 from facts_damping.small_signal.modal_tables import MAX_MACHINES, MAX_MODES, in_parallel, shown_modes
 from facts_damping_studies.modes import one_line
+from facts_damping_views.crowded import thin_out
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -39,18 +40,24 @@ def _plot_shapes(modal: Modal, path: Path) -> Path:
     columns = min(3, len(modes))
     rows = -(-len(modes) // columns)
     figure = Figure(figsize=(3.6 * columns, 3.9 * rows), layout="constrained")
+    texts = []
     for i, mode in enumerate(modes):
         axes = figure.add_subplot(rows, columns, i + 1, projection="polar")
         for value in mode.shape.values():
             axes.annotate(
                 "", xy=(float(np.angle(value)), abs(value)), xytext=(0, 0), arrowprops={"arrowstyle": "->", "lw": 1.5}
             )
-        for name, (angle, radius) in _label_places(in_parallel(mode.shape, modal.system)).items():
-            axes.text(angle, radius, name, ha="center", va="center", fontsize=8)
+        places = _label_places(in_parallel(mode.shape, modal.system))
+        look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8}
+        texts += [axes.text(angle, radius, name, **look) for name, (angle, radius) in places.items()]
         axes.set_ylim(0, 1.15)
         axes.set_yticklabels([])
         axes.set_title(f"{mode.frequency_hz:.3f} Hz, damping {mode.damping_ratio:.3f}\n{mode.label}", fontsize=9)
     figure.suptitle(f"{modal.system.name}: mode shapes (speeds, relative to the fastest)", fontsize=10)
+    if len(modal.swings) > MAX_MODES:  # the largest first
+        for text in texts:
+            text.set(va="bottom", bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.5})
+        thin_out(figure, texts)
     return save_picture(figure, path, dpi=150)
 
 

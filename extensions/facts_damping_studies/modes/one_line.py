@@ -16,6 +16,7 @@ from facts_damping.plant.converters.dispatch import losses_of
 from facts_damping.plant.grid.network import Topology, at_rest, branches, device_section
 from facts_damping.small_signal.modal_tables import together
 from facts_damping_views.bus_places import places
+from facts_damping_views.crowded import thin_out
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,7 +81,7 @@ def plot(
     axes = figure.add_subplot()
     _branches(axes, at, flows(system, flow, installed), [at[unit.bus] for unit in system.units])
     _buses(axes, system, at)
-    named = _units(axes, system, at)
+    named, labels = _units(axes, system, at)
     if mode is not None:
         _arrows(axes, system, at, mode)
     marks = [
@@ -100,6 +101,9 @@ def plot(
         ratio = round(mode.damping_ratio, 3) + 0.0  # no -0.000
         title += f"; arrows: speeds in the mode of {mode.frequency_hz:.3f} Hz, damping ratio {ratio:.3f}"
     figure.suptitle(f"{system.name}: {title}", fontsize=11)
+    if len(system.buses) > NAMED:  # labels of the largest first
+        ratings = {unit.bus: unit.rating for unit in sorted(system.units, key=lambda unit: unit.rating)}
+        thin_out(figure, [label for _, label in sorted(labels, key=lambda pair: -ratings[pair[0]])])
     return save_picture(figure, path, dpi=130)
 
 
@@ -132,8 +136,9 @@ def _buses(axes: Axes, system: System, at: Places) -> None:
             axes.annotate(bus.name, tuple(at[bus.name]), (3, 4), textcoords="offset points", fontsize=7, color="0.35")
 
 
-def _units(axes: Axes, system: System, at: Places) -> list[Any]:
-    """Draw machines as circles, inverters as squares in the colour of the area, with names; return legend handles."""
+def _units(axes: Axes, system: System, at: Places) -> tuple[list[Any], list[tuple[str, Any]]]:
+    """Draw machines as circles, inverters as squares in the colour of the area; return legend handles, names by bus."""
+    labels: list[tuple[str, Any]] = []
     areas = list(dict.fromkeys(unit.area or "" for unit in system.units))
     many = colormaps["turbo"](np.linspace(0.0, 1.0, len(areas))).tolist()
     colours = dict(zip(areas, AREAS if len(areas) <= len(AREAS) else many, strict=False))
@@ -144,14 +149,15 @@ def _units(axes: Axes, system: System, at: Places) -> list[Any]:
             look: dict[str, Any] = {"ms": size, "mec": colours[here[0].area or ""], "mew": 2.0, "zorder": 4}
             axes.plot(*at[bus], marker, mfc="white" if marker == "o" else "none", **look)
             label = together([unit.name for unit in here])
-            axes.annotate(label, tuple(at[bus]), (6, below), textcoords="offset points", fontsize=7, zorder=6)
+            look = {"textcoords": "offset points", "fontsize": 7, "zorder": 6}
+            labels.append((bus, axes.annotate(label, tuple(at[bus]), (6, below), **look)))
     for row in system.infinite_buses:
         axes.plot(*at[row.bus], "o", ms=11, color="black", zorder=4)
     of_machines = {m.area or "" for m in system.machines}
     marks = [_mark("o", colours[a], a or "machines", mfc="white", mew=2.0) for a in areas if a in of_machines]
     if system.inverters:
         marks.append(_mark("s", "0.35", "inverters", mfc="white", mew=2.0))
-    return [*marks, *([_mark("o", "black", "infinite bus")] if system.infinite_buses else [])]
+    return [*marks, *([_mark("o", "black", "infinite bus")] if system.infinite_buses else [])], labels
 
 
 def _arrows(axes: Axes, system: System, at: Places, mode: Eigenmode) -> None:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import Device, System
 
 SMALL = 1e-6  # weights below are left out of a sum
+ANGLES = 24  # most machines in the chart of angles
 MEASURES = 4  # most differences of frequencies whose modes are estimated
 PLANT, RECORDER = "plant_sim", "recorder"  # names of nodes that every graph has
 
@@ -115,7 +116,7 @@ def panel(case: Case, name: str) -> Panel:
     measured = [frequencies[bus] for bus in dict.fromkeys(system.pmu_buses().values())]
     charts = [
         _chart("frequency at PMUs", "Hz", measured),
-        _chart("rotor angle against the centre of inertia", "deg", angles.values()),
+        _chart("rotor angle against the centre of inertia", "deg", [angles[name] for name in largest(system)]),
         _chart("active power", "MW", flows),
         *of_devices,
         _chart("difference of frequencies", "mHz", [mode.signal for mode in modes]),
@@ -150,6 +151,16 @@ def _machines(case: Case, curves: _Curves) -> tuple[dict[str, int], dict[str, in
         angles[m.name] = curves.add(m.name, "deg", "angle", parts)
         powers[m.name] = curves.add(m.name, "MW", "machine power", {f"machine.{m.name}.electrical_power_pu": base})
     return angles, powers
+
+
+def largest(system: System) -> list[str]:
+    """Machines whose angles have curves: all, or if they are many, the largest of each of the largest plants."""
+    if len(system.machines) <= ANGLES:
+        return [machine.name for machine in system.machines]
+    plants: dict[str, str] = {}
+    for machine in sorted(system.machines, key=lambda machine: -machine.rating):
+        plants.setdefault(machine.bus, machine.name)
+    return list(plants.values())[:ANGLES]
 
 
 def _inverters(case: Case, curves: _Curves) -> dict[str, int]:

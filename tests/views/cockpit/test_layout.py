@@ -255,3 +255,13 @@ def test_curves_of_a_record_are_its_columns_at_twenty_a_second() -> None:
     angles = curves[:, [1 + m["angle"] for m in panel.shown["diagram"]["machines"]]]
     inertias = np.array([m.rating * m.H for m in case.system.machines])
     np.testing.assert_allclose(angles @ inertias / inertias.sum(), 0.0, atol=1e-4)
+
+
+def test_of_many_machines_the_largest_of_the_largest_plants_have_curves_of_angles() -> None:
+    system = load_case("minniwecc", []).system
+    (chart,) = [c for c in layout.panel(load_case("minniwecc", []), "it").shown["charts"] if "angle" in c["title"]]
+    assert len(chart["curves"]) == layout.ANGLES < len(system.machines)
+    shown = layout.largest(system)
+    buses = {machine.name: machine.bus for machine in system.machines}
+    assert len({buses[name] for name in shown}) == layout.ANGLES
+    assert shown[0] == max(system.machines, key=lambda machine: machine.rating).name

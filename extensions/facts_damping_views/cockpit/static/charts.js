@@ -55,7 +55,7 @@ export function makeChart(chart, panel, box, look, redraw) {
   const values = named.map(() => html("b", {}, "–"));
   const items = named.map((i, k) => html("span", { class: "key", title: short(i) },
     html("i", { style: `--c: var(--c${k % 8})` }), `${short(i)} `, values[k]));
-  if (rest.length) items.push(html("span", { class: "key", title: rest.map(short).join(", ") }, `and ${rest.length} more`));
+  if (rest.length) items.unshift(html("span", { class: "key", title: rest.map(short).join(", ") }, `${chart.curves.length} curves, of them`));
   const limit = chart.limit === null ? [] : [html("span", { class: "key limit" }, html("i", { class: "dashed" }), `limit ${chart.limit}`)];
   const unit = html("small", {}, chart.unit);
   const area = html("div", { class: "area", role: "img", "aria-label": chart.title });

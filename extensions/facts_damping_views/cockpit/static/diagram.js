@@ -4,7 +4,9 @@ import { ceiling, set, shown, svg } from "./dom.js";
 import { arrange, beside, positions, route } from "./places.js";
 
 const STRIP = 92; // px, for the controllers below it
-const FEW = 40; // buses, up to which all are labelled
+const FEW = 40; // buses, up to which all are labelled, and each machine of a bus is drawn
+const ZOOMS = { "+": 2, "=": 2, "-": 0.5, 0: 0 }; // by key; 0: all in view
+const CLOSEST = 8;
 const SMALLEST = 0.01; // Hz, of the scale of colours
 const FADE = 0.995; // of the largest deviation from one drawing to the next
 const layer = (name, ...children) => svg("g", { class: name }, ...children);
@@ -17,10 +19,10 @@ export function makeDiagram(panel, box, readout) {
   const index = Object.fromEntries(buses.map((bus, i) => [bus.name, i]));
   const root = svg("svg", {
     tabindex: "0", role: "application", "aria-roledescription": "one-line diagram",
-    "aria-label": `One-line diagram of ${buses.length} buses. Arrow keys go from bus to bus.`,
+    "aria-label": `One-line diagram of ${buses.length} buses. Arrow keys go from bus to bus, + and - zoom.`,
   });
-  const view = { panel, index, root, readout, selected: null, peak: SMALLEST, range: 0, nominal: null };
-  const label = (name, text) => svg("text", { class: `label ${name}` }, text);
+  const view = { panel, index, root, readout, selected: null, peak: SMALLEST, range: 0, nominal: null, box, zoom: 1, corner: [0, 0] };
+  const label = (name, text) => svg("text", { class: `label ${name}` }, text ?? "");
   view.branches = branches.map((one) => svg("path", { class: `branch ${one.kind}` }, svg("title", {}, one.name)));
   view.buses = buses.map(() => svg("circle", { class: "bus" }));
   view.pmus = buses.filter((bus) => bus.pmu).map((bus) => [bus, svg("path", { class: "pmu", d: "M0,-5L4.5,3H-4.5Z" })]);
@@ -38,7 +40,7 @@ export function makeDiagram(panel, box, readout) {
     svg("text", { class: "name", y: "15" }, one.name), svg("text", { class: "state", y: "30" })));
   view.labels = {
     buses: buses.map((one) => label("of-bus", one.name)),
-    machines: machines.map((one) => label("of-machine", one.name)),
+    machines: machines.map((one, i) => label("of-machine", named(machines, i, buses.length))),
     devices: devices.map((one) => label("of-device", one.name)),
     links: links.map(() => label("of-link", "")),
   };
@@ -49,11 +51,42 @@ export function makeDiagram(panel, box, readout) {
     layer("controllers", ...view.controllers), layer("labels", ...Object.values(view.labels).flat()), view.mark);
   root.addEventListener("pointermove", (event) => point(view, event));
   root.addEventListener("pointerleave", () => select(view, null));
-  root.addEventListener("keydown", (event) => step(view, event));
+  root.addEventListener("keydown", (event) => (event.key in ZOOMS ? zoom(view, ZOOMS[event.key]) : step(view, event)));
+  if (buses.length > FEW) root.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    zoom(view, event.deltaY < 0 ? 1.25 : 0.8, within(view, event));
+  }, { passive: false });
+  root.addEventListener("dblclick", (event) => zoom(view, 2, within(view, event)));
   box.classList.toggle("large", buses.length > FEW);
   box.append(root);
-  new ResizeObserver(([entry]) => place(view, entry.contentRect.width, entry.contentRect.height)).observe(box);
+  new ResizeObserver(() => zoom(view, 1)).observe(box);
   return view;
+}
+
+/** What stands at a machine: in a large grid only the first machine or inverter of a bus is drawn, for all; null: hidden. */
+function named(machines, i, buses) {
+  const alike = machines.filter((one) => one.bus === machines[i].bus && (one.angle === null) === (machines[i].angle === null));
+  if (buses <= FEW || alike.length === 1) return machines[i].name;
+  return alike[0] === machines[i] ? `${machines[i].name.replace(/_.*/, "")} ×${alike.length}` : null;
+}
+
+/** Where the pointer is, of the part in view, px. */
+function within(view, event) {
+  const box = view.root.getBoundingClientRect();
+  return [event.clientX - box.left, event.clientY - box.top];
+}
+
+/** Place all, closer by a factor (0: the whole grid), with what is at a point in view left there. */
+function zoom(view, factor, at) {
+  const { width, height } = view.box.getBoundingClientRect();
+  const chosen = view.selected === null ? null : view.places?.[view.selected].map((one, k) => one - view.corner[k]);
+  const point = at ?? chosen ?? [width / 2, height / 2];
+  const before = view.zoom;
+  view.zoom = factor ? Math.max(1, Math.min(CLOSEST, view.zoom * factor)) : 1;
+  const room = [width, height].map((one) => one * (view.zoom - 1));
+  view.corner = point.map((one, k) => Math.max(0, Math.min(room[k], (view.corner[k] + one) * (view.zoom / before) - one)));
+  place(view, width * view.zoom, height * view.zoom);
+  set(view.root, { viewBox: `${view.corner[0]} ${view.corner[1]} ${width} ${height}` });
 }
 
 /** Place all nodes in an area of a width and height, px. */
@@ -75,13 +108,12 @@ function place(view, width, height) {
   on.beside = (bus, length) => beside(where(bus), length, (busy[bus] ??= []), p, width);
   on.route = (one) => route(one, [...branches, ...devices], where, size);
   view.places = p;
-  set(view.root, { viewBox: `0 0 ${width} ${height}` });
   branches.forEach((one, i) => set(view.branches[i], { d: on.route(one), "stroke-width": on.thick }));
   view.buses.forEach((node, i) => set(node, { cx: p[i][0], cy: p[i][1], r: size }));
   for (const [bus, node] of view.pmus) set(node, { transform: move(where(bus.name)[0] - size - 3, where(bus.name)[1] - size - 1) });
   placeMachines(view, on);
   placeLinks(view, on, placeDevices(view, on));
-  if (buses.length <= FEW) buses.forEach((_, i) => on.labels.push({ node: view.labels.buses[i], at: p[i], reach: size + 3 }));
+  if (buses.length <= FEW || view.zoom >= 2) buses.forEach((_, i) => on.labels.push({ node: view.labels.buses[i], at: p[i], reach: size + 3 }));
   else for (const node of view.labels.buses) set(node, { visibility: "hidden" });
   arrange(on.labels, on.taken, width, height);
   mark(view);
@@ -90,6 +122,7 @@ function place(view, width, height) {
 function placeMachines(view, on) {
   const r = Math.max(7.5, 1.7 * on.size);
   view.panel.diagram.machines.forEach((one, i) => {
+    if (!view.labels.machines[i].textContent) return;
     const [x, y] = on.beside(one.bus, 2.2 * on.size + r);
     const { stub, ring, arrow } = view.machines[i];
     set(stub, { d: `M${on.where(one.bus)}L${x},${y}` });
@@ -152,8 +185,7 @@ function mark(view) {
 }
 
 function point(view, event) {
-  const box = view.root.getBoundingClientRect();
-  const [x, y] = [event.clientX - box.left, event.clientY - box.top];
+  const [x, y] = within(view, event).map((one, k) => one + view.corner[k]);
   const far = (view.places ?? []).map(([u, v]) => Math.hypot(u - x, v - y));
   const nearest = far.indexOf(Math.min(...far));
   const found = far[nearest] < 24 ? nearest : null;
