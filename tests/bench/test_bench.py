@@ -229,7 +229,7 @@ RESULTS = [
 
 
 def answers(what: list[Result] | list[ticks.Rate]) -> Callable[..., object]:
-    return lambda *_: what
+    return lambda *_, **__: what
 
 
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
