@@ -68,7 +68,7 @@ def test_ringdown_is_not_forced_however_well_its_damping_is_known(damping: float
     assert np.isfinite(values).any()
 
 
-def test_what_the_controller_drives_at_its_limits_or_does_not_notice_is_not_forced() -> None:
+def test_limit_cycle_and_what_the_controller_does_not_answer_are_not_forced() -> None:
     swing = np.sin(2 * np.pi * HERTZ * TIME)
     assert np.nanmax(watched(swing, 0.1, 0.9 * np.abs(swing))) > LIMIT
     assert np.isnan(watched(swing, 0.1, np.minimum(1.0, 1.2 * np.abs(swing)))).all()
