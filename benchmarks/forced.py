@@ -1,6 +1,6 @@
 """Forced or natural: a table of confusion, on runs that the rule was not made on (`facts_damping/analysis/forced.py`).
 
-    python benchmarks/forced.py [--first 4001] [--seeds 20] [--out DIRECTORY] [ROW ...]
+    python benchmarks/forced.py [--first 4001] [--seeds 20] [--out DIRECTORY] [--monitor] [ROW ...]
 
 Truth is known by construction, on two areas in the profile deployment, all noise on, stabilisers set so that the
 interarea mode has the damping ratio of the row. Forced: a machine's mechanical power or a load oscillates from 2 s on,
@@ -10,6 +10,10 @@ as limit cycle of a controller of the wrong sign at its limits.
 
 The rule, written before: of 100 runs 95 are called so; `undecided` is not right. It is counted twice: as `analyze`
 judges (by the twin that separates noise), and from the record alone, as of a stream of PMUs.
+
+`--monitor` counts what a supervisor's monitor `forced` says (forced, or it does not act), in runs of four minutes: in
+shadow, so that the mode has the damping of the row; the limit cycle with the monitors off that would trip it. A third
+size is 60 mHz: waves within the noise of the mode it does not see.
 """
 
 from __future__ import annotations
@@ -30,6 +34,7 @@ from facts_damping.analysis.measures import columns, event_times, speed_differen
 from facts_damping.analysis.summary import summarise
 from facts_damping.analysis.verdict import FORCED, UNDECIDED
 from facts_damping.case.loading import load_case
+from facts_damping.monitor_table import CODES, MONITORS
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of
 from facts_damping.small_signal import modal_tables
@@ -50,7 +55,13 @@ DISTANCES = {"at the mode": 1.0, "5 % off": 1.05, "20 % off": 1.2, "far": 0.0}
 SIZES = (5.0, 20.0)  # mHz
 NOISES = (0.003, 0.01)  # of each load, of even and of odd seeds
 FAULT = "scenario=[{time: 2.0, kind: fault, line: line_1, location: 0.5}, {time: 2.08, kind: clear, line: line_1}]"
-COLUMNS = ("row", "truth", "runs", "analyze", "record_alone")
+SIDES = {"analyze": "right by `analyze`", "record_alone": "right from the record alone"}
+MONITOR = {"monitor": "right by the monitor"}
+SHADOW = ("supervision=standard", "arm_at=null")
+WATCHED_GAINS = {"10 %": 70.0, "5 %": 30.0, "3 %": 21.0, "2 %": 18.0, "1 %": 15.0}
+WATCHED_SIZES = (*SIZES, 60.0)  # mHz
+WATCHED_S = 240.0  # s
+UNTRIPPED = [f"supervision.monitors.{name}=off" for name in MONITORS if name != "forced"]
 
 
 class Row(NamedTuple):
@@ -78,6 +89,20 @@ def rows() -> dict[str, Row]:
         if label != "growing":
             table[f"natural, {label}, noise alone"] = Row(forced.NATURAL, gain, 120, (*FREE, "scenario=[]"))
     return table | {"limit cycle, fault": Row(forced.NATURAL, 21.0, 60, (*BARE, *WRONG, FAULT))}
+
+
+def watched_rows() -> dict[str, Row]:
+    """Rows for the monitor, by name: with a supervisor in shadow, or with one that trips nothing."""
+    table = {
+        f"forced, load, {distance}, {mhz:g} mHz": Row(forced.FORCED, DAMPED, WATCHED_S, SHADOW, "load", distance, mhz)
+        for distance in DISTANCES
+        for mhz in WATCHED_SIZES
+    }
+    for label, gain in WATCHED_GAINS.items():
+        for kind, more in {"fault": FAULT, "noise alone": "scenario=[]"}.items():
+            table[f"natural, {label}, {kind}"] = Row(forced.NATURAL, gain, WATCHED_S, (*SHADOW, more))
+    cycling = ("supervision=standard", "arm_at=0.5", *UNTRIPPED, *WRONG, FAULT)
+    return table | {"limit cycle, fault": Row(forced.NATURAL, 21.0, WATCHED_S, cycling)}
 
 
 def sets_of(row: Row, seed: int, noise: float) -> list[str]:
@@ -110,7 +135,7 @@ def frequency(row: Row) -> float:
 @cache
 def amplitude(row: Row) -> float:
     """Relative amplitude of a source of the size of a row, by a run in which it is alone, at its end."""
-    alone = row._replace(source="", seconds=90.0)
+    alone = row._replace(source="", seconds=90.0, sets=FREE)
     record = loop.run(
         load_case("two_area_deployment", [*sets_of(alone, 0, 0.0), scenario(row.source, frequency(row), 1e-3)])
     )
@@ -119,13 +144,11 @@ def amplitude(row: Row) -> float:
 
 
 class Seen(NamedTuple):
-    """A run of a row: its truth, noise, and what it is called by `analyze` and by its record alone."""
+    """A run of a row: its truth, noise, and what each side calls it."""
 
-    name: str
     truth: str
     noise: float
-    analyze: str
-    alone: str
+    called: dict[str, str]
 
 
 def seen(task: tuple[str, int]) -> Seen:
@@ -137,7 +160,19 @@ def seen(task: tuple[str, int]) -> Seen:
     last = max(event_times(record), default=0.0)
     alone = forced.origin(record.time_s, columns(speed_differences(record)), last).kind
     named = {FORCED: forced.FORCED, UNDECIDED: forced.UNDECIDED}
-    return Seen(name, row.truth, noise, named.get(verdict, forced.NATURAL), alone)
+    return Seen(row.truth, noise, {"analyze": named.get(verdict, forced.NATURAL), "record_alone": alone})
+
+
+def watched(task: tuple[str, int]) -> Seen:
+    """Simulate a run with a supervisor: forced if the monitor acts at some time."""
+    name, seed = task
+    row, noise = watched_rows()[name], NOISES[seed % 2]
+    built = loop.build_loop(case := load_case("two_area_deployment", sets_of(row, seed, noise)))
+    record, threshold = loop.finish(case, built), built.control.supervisors.thresholds[0, CODES["forced"]]
+    over = record.supervision["values"][:, CODES["forced"]] > threshold["limit"]
+    lasts = int(threshold["lasts_ns"] * 1e-9 * record.frame_rate)
+    acts = np.convolve(over, np.ones(lasts + 1)).max() > lasts
+    return Seen(row.truth, noise, {"monitor": forced.FORCED if acts else forced.NATURAL})
 
 
 def wilson(right: int, runs: int) -> str:
@@ -151,28 +186,30 @@ def counts(kinds: list[str]) -> str:
     return ", ".join(f"{number} {kind}" for kind, number in Counter(kinds).most_common())
 
 
-def main(first: int, seeds: int, names: list[str], out: Path) -> None:
+def main(first: int, seeds: int, names: list[str], out: Path, monitor: bool) -> None:
     """Print the table and the shares that are right; write the table as CSV."""
-    table, chosen = rows(), names or list(rows())
+    table, judge, sides = (watched_rows(), watched, MONITOR) if monitor else (rows(), seen, SIDES)
+    chosen = names or list(table)
     for gain in sorted({table[name].gain for name in chosen}):
         print(f"gain {gain:g}: {interarea(gain)[0]:.3f} Hz, {100 * interarea(gain)[1]:.2f} %", flush=True)
     runs, lines = list[Seen](), []
     with ProcessPoolExecutor(2) as pool:
         tasks = [(name, seed) for name in chosen for seed in range(first, first + seeds)]
-        called = pool.map(seen, tasks, chunksize=max(1, seeds // 2))
+        judged = pool.map(judge, tasks, chunksize=max(1, seeds // 2))
         for name in chosen:
-            calls = list(islice(called, seeds))
-            words = [counts([getattr(call, side) for call in calls]) for side in ("analyze", "alone")]
+            calls = list(islice(judged, seeds))
+            words = [counts([call.called[side] for call in calls]) for side in sides]
             lines.append([name, table[name].truth, str(seeds), *words])
             print("  ".join(lines[-1]), flush=True)
             runs += calls
     out.mkdir(parents=True, exist_ok=True)
-    (out / "forced.csv").write_text(as_csv(COLUMNS, lines), encoding="utf-8")
-    print("\n| truth | noise | runs | right by `analyze` | right from the record alone |\n|---|--:|--:|--:|--:|")
+    file = out / ("forced_monitor.csv" if monitor else "forced.csv")
+    file.write_text(as_csv(("row", "truth", "runs", *sides), lines), encoding="utf-8")
+    print(f"\n| truth | noise | runs | {' | '.join(sides.values())} |\n|---|--:|--:|{'--:|' * len(sides)}")
     for truth in (forced.FORCED, forced.NATURAL):
         for noises in ((NOISES[0],), (NOISES[1],), NOISES):
             some = [run for run in runs if run.truth == truth and run.noise in noises]
-            right = [sum(getattr(run, side) == truth for run in some) for side in ("analyze", "alone")]
+            right = [sum(run.called[side] == truth for run in some) for side in sides]
             noise = " and ".join(f"{100 * noise:g}" for noise in noises)
             if some:
                 print(f"| {truth} | {noise} % | {len(some)} | {' | '.join(wilson(n, len(some)) for n in right)} |")
@@ -184,5 +221,6 @@ if __name__ == "__main__":
     parser.add_argument("--first", type=int, default=FIRST, help=f"first seed (default: {FIRST})")
     parser.add_argument("--seeds", type=int, default=SEEDS, help=f"seeds (default: {SEEDS})")
     parser.add_argument("--out", type=Path, default=Path("results/forced"), help="folder of forced.csv")
+    parser.add_argument("--monitor", action="store_true", help="count what the supervisor's monitor says")
     arguments = parser.parse_args()
-    main(arguments.first, arguments.seeds, arguments.rows, arguments.out)
+    main(arguments.first, arguments.seeds, arguments.rows, arguments.out, arguments.monitor)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 LENGTH = 16  # hexadecimal digits shown and stored
 YOUNGER = {"devices": ["state"]}  # fields that came after the first digests: they count where a value is known
+OLDER = {"supervision": ("values", 23)}  # likewise columns of a field: those after the first 23
 NAMES = ("pmus", "machine_names", "device_names", "controller_names")  # names of the signals' columns
 
 
@@ -30,9 +31,22 @@ def digest(record: Record) -> str:
         if isinstance(value, np.ndarray):
             left_out = [name for name in YOUNGER.get(field.name, []) if np.isnan(value[name]).all()]
             table = canonical(drop_fields(value, left_out, usemask=False) if left_out else value)
+            if field.name in OLDER:
+                table = _shortened(table, *OLDER[field.name])
             hashed.update(repr((field.name, table.dtype.descr, table.shape)).encode())
             hashed.update(table.tobytes())
     return hashed.hexdigest()[:LENGTH]
+
+
+def _shortened(table: NDArray[Any], name: str, columns: int) -> NDArray[Any]:
+    """A table with only the first columns of a field if no value of the others is known."""
+    if not np.isnan(table[name][:, columns:]).all():
+        return table
+    kinds = [(field, table.dtype[field].base, table.dtype[field].shape) for field in table.dtype.names or ()]
+    shorter = np.zeros(len(table), [(f, kind, (columns,) if f == name else shape) for f, kind, shape in kinds])
+    for field in shorter.dtype.names or ():
+        shorter[field] = table[field][:, :columns] if field == name else table[field]
+    return shorter
 
 
 def canonical(table: NDArray[Any]) -> NDArray[Any]:

@@ -93,12 +93,6 @@ def quantity(
     return field
 
 
-def usual_values(model: type[ParameterModel]) -> dict[str, Any]:
-    """Fields that are required and have a usual value, with that."""
-    extras = {name: field.json_schema_extra for name, field in model.model_fields.items()}
-    return {name: extra["usual"] for name, extra in extras.items() if isinstance(extra, dict) and "usual" in extra}
-
-
 def _not_vanishing(value: Any) -> Any:
     if isinstance(value, float) and 0.0 < value < MINIMUM:
         raise ValueError(f"{value:g} given; allowed: {MINIMUM:g} or more")

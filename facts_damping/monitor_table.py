@@ -180,6 +180,14 @@ MONITORS = {
         "a controller of a device that does not follow learns wrongly, and would act at once when the device returns; "
         "undervoltage in a fault is shorter",
     ),
+    "forced": Monitor(
+        "grid",
+        "how constant the size of the oscillation is: 1: a sine wave, 0: a mode that noise drives; 0 unless an output "
+        "answers it; unknown while an output is at its limit, and then for 20 cycles or four memories of the mode",
+        "-", 0.85, 0.5, 2.0, 2.0, CYCLES, "warn",
+        "a wave of twelve times the power of the noise has 0.85; a mode of 1 % in noise gets there in less than one of "
+        "a hundred periods of ten minutes. A source outside of the loop forces what is constant, no control removes it",
+    ),
 }  # fmt: skip
 COUNTED = {  # monitors whose values are numbers of things, and what these are
     "status": ("PMU", "of bad status"),

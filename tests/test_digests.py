@@ -52,6 +52,16 @@ def test_digest_depends_on_every_array_of_a_result(result: fd.Result, name: str)
     assert with_array(result, name, np.zeros((7, *before.shape[1:]), before.dtype)).digest != result.digest
 
 
+def test_monitor_that_came_later_enters_where_its_value_is_known() -> None:
+    supervised = fd.simulate("two_area_supervised", duration=0.5)
+    rows: Any = supervised.supervision.copy()
+    assert np.isnan(rows["values"][:, 23:]).all()
+    rows["values"][-1, 23] = 0.0
+    assert with_array(supervised, "supervision", rows).digest != supervised.digest
+    rows["values"][-1, 22:] = 7.0, np.nan
+    assert with_array(supervised, "supervision", rows).digest != supervised.digest
+
+
 def test_names_and_signs_enter_but_not_how_a_computer_writes_numbers(result: fd.Result) -> None:
     assert digest(replace(result, device_names=["statcom", "sssc"])) != result.digest
     for name in ARRAYS:

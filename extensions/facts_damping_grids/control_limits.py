@@ -5,20 +5,35 @@ from __future__ import annotations
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, ProblemsError
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.system import System
-from facts_damping.plant.build import limit_violations
+from facts_damping.plant.grid.power_flow import solve
+from facts_damping.plant.inverters.start import inverters_at_rest
 from facts_damping.plant.machines.block_controls import owner
+from facts_damping.plant.rotating import machines_at_rest
+from facts_damping.plant.tables import Ports, States
 from facts_damping_grids.notes import Note
 from facts_damping_grids.problems import Problems
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from facts_damping.plant.machines.block_rest import LimitViolation
+
 WIDER = 0.1  # fraction of the initial value by which the limit is moved beyond it
 MAXIMUM = 5  # iterations, as one limit may depend on another
 EFFECT = "the limit acts later than in the case"
+
+
+def limit_violations(system: System) -> list[LimitViolation]:
+    """Limits of block controls that exclude the initial state, for a system without devices."""
+    flow, states = solve(system, []), States()
+    machines = machines_at_rest(system, flow, states)
+    inverters = inverters_at_rest(system, flow, states, Ports(), 0)
+    if inverters.failures:
+        raise ProblemsError(inverters.failures)
+    return [*machines.violations, *inverters.violations]
 
 
 def control_key(row: Mapping[str, Any]) -> str:

@@ -18,7 +18,6 @@ from facts_damping_msgs.msg import ControllerState, DeviceSetpoints, JacobianEst
 from rclpy.serialization import deserialize_message, serialize_message
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses, setpoint_topics
-from facts_damping.nodes.base import lines
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
@@ -30,6 +29,7 @@ from facts_damping.nodes.recorder import TICK_END
 from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import DELIVERY, SETPOINT, start_of
+from facts_damping_studies.campaigns.attack_lines import sent_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -76,7 +76,7 @@ class Attacker:
                 self.spinner.spin_once(0.1)
         finally:
             for topic, count in self.sent.items():
-                self.log.line(lines.sent_line(count, topic))
+                self.log.line(sent_line(count, topic))
 
     def on_frames(self, data: bytes) -> None:
         """Publish forged frames and setpoints when a tick begins."""

@@ -55,7 +55,6 @@ Int3 = Annotated[NDArray[np.int64], Array(np.int64, 3)]
 Int4 = Annotated[NDArray[np.int64], Array(np.int64, 4)]
 Bool1 = Annotated[NDArray[np.bool_], Array(np.bool_, 1)]
 Bool2 = Annotated[NDArray[np.bool_], Array(np.bool_, 2)]
-Bool3 = Annotated[NDArray[np.bool_], Array(np.bool_, 3)]
 
 HOST = "host"  # marks a field that compiled code does not use
 WORD_TYPES = {float: "f8", int: "i8", bool: "i8"}

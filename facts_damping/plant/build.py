@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
-    from facts_damping.plant.machines.block_rest import LimitViolation
     from facts_damping.plant.rotating import Rotating
 
 LARGE = 100  # machines, infinite buses and ports, above which factors are faster than a dense matrix
@@ -188,14 +187,6 @@ def _loads_at_ports(system: System, noisy: Collection[str], listed: Sequence[Eve
     loads = port_loads(system, noisy)
     names, oscillating = {load.name for load in loads}, oscillating_loads(listed)
     return loads + [load for load in system.loads if load.name in oscillating and load.name not in names]
-
-
-def limit_violations(system: System) -> list[LimitViolation]:
-    """Limits of block controls that exclude the initial state, for a system without devices."""
-    *_, machines, inverters = _units_at_rest(system, [])
-    if inverters.failures:
-        raise ProblemsError(inverters.failures)
-    return [*machines.violations, *inverters.violations]
 
 
 def port_loads(system: System, noisy: Collection[str]) -> list[Load]:

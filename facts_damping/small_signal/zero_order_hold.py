@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float2
 
 
-TERMS = 16  # of a series with terms below 2^-k / k!
 SLIPS, ANGLES = (".slip",), (".angle", ".angle_order")  # states of inverters: speed, p.u., or angle, rad
 NEAR = 1e-6  # relative to cancelling terms and to the largest derivative: smaller changes count as zero
 
@@ -25,33 +24,6 @@ def held_for(A: Float2, B: Float2, seconds: float) -> tuple[Float2, Float2]:
     rows = np.block([[A, B], [np.zeros((inputs, n + inputs))]])
     whole = exponential(rows * seconds)
     return whole[:n, :n], whole[:n, n:]
-
-
-def halvings(A: Float2, B: Float2, seconds: float) -> list[tuple[Float2, Float2]]:
-    """Phi and Gamma over t, t/2, t/4 ... down to where Taylor's series of A t converges at once; see `effect`."""
-    size = float(np.abs(A).sum(axis=1).max(initial=0.0)) * seconds
-    times = max(0, int(np.ceil(np.log2(max(2.0 * size, 1.0)))))
-    steps = [held_for(A, B, seconds / 2**times)]
-    for _ in range(times):
-        Phi, Gamma = steps[-1]
-        steps.append((Phi @ Phi, Phi @ Gamma + Gamma))
-    return steps[::-1]
-
-
-def effect(halved: Sequence[tuple[Float2, Float2]], A: Float2, B: Float2, seconds: float, part: float) -> Float2:
-    """Gamma over `part` of the time that was halved (s), from its binary digits and the series of the rest."""
-    used, rest = [], part
-    for i, step in enumerate(halved):
-        if rest >= seconds / 2**i:
-            used.append(step)
-            rest -= seconds / 2**i
-    term = gamma = B * rest
-    for k in range(2, TERMS):
-        term = A @ term * (rest / k)
-        gamma = gamma + term
-    for Phi, Gamma in reversed(used):
-        gamma = Phi @ gamma + Gamma
-    return gamma
 
 
 def rigid(A: Float2, C: Float2, names: Sequence[str]) -> Float2:

@@ -87,6 +87,8 @@ SUPERVISOR = np.dtype(
         ("squares", "f8"),  # sum of the signal's squares in a probe's fit
         ("slow", "f8", (2,)),  # sections of the signal's slow part
         ("free", "f8"),  # largest range of that over a cycle, as it would be by now without control
+        ("effort", "f8"),  # output / its limit, the largest at the newest tick, also if it does not act
+        ("wave", "f8", (4,)),  # ticks in means of: signal^2, signal^4, effort^2
         ("finite", "i8"),  # controller's health: 1: all outputs are finite
         ("norm", "f8"),  # Euclidean norm of its network's parameters
         ("lyapunov", "f8"),  # its Lyapunov function
@@ -231,7 +233,8 @@ def begin(receivers: Inputs, state: SupervisorState, s: int) -> None:
     row.tick = row.start_ns = -1
     row.begun_ns, row.ramp, row.issued_ns, row.sound_ns, row.now_ns = 0, 0.0, 0, 0, 0
     row.arrived_ns = row.owed_ns = row.reserve_ns = row.probe_ns = UNSET
-    row.slow[0] = row.slow[1] = row.free = 0.0
+    row.slow[0] = row.slow[1] = row.free = row.effort = 0.0
+    row.wave[:] = 0.0
     row.squares = row.spent = row.norm_at_start = row.latency = row.jitter = row.since = 0.0
     row.probed = 0
     clear(receivers, state.held, s)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 (MISSING, STALE, JITTER, MISALIGNED, STUCK, RANGE, ANGLE, SPEED, POWERS, STATUS, CLOCK, LOCAL) = range(12)
 (SILENT, NON_FINITE, SATURATED, REVERSALS, WEIGHTS, LYAPUNOV) = range(12, 18)
-(HARM, GROWING, FREQUENCY, ISLANDING, DEVICE) = range(18, 23)
+(HARM, GROWING, FREQUENCY, ISLANDING, DEVICE, FORCED) = range(18, 24)
 LAST_OF_DATA = LOCAL
 
 _CHANNEL = {name: i for i, name in enumerate(CHANNELS)}
@@ -40,6 +40,10 @@ SLOW = 2.0  # rate of the two sections that leave the slow part / omega of the m
 MORE = 1.6  # least size of a driven oscillation / that of earlier swings as they would be by now without control
 SLACK = 0.05  # 1/s, by which the growth of a single cycle may be less than without control
 FORGET = 0.2  # 1/s, least rate at which earlier swings are forgotten
+MEMORIES = 4.0  # 1/|sigma|: least time to tell a wave from a mode in noise,
+SHORTEST, LONGEST = 20.0, 100.0  # cycles, within these bounds
+ANEW = 20.0  # square of the signal / its mean: an event has begun a new oscillation
+ANSWERS = 0.01  # fraction of the limit: least amplitude of an output that answers an oscillation
 MIN_POWER = 0.1  # p.u., least base for comparing powers
 MIN_LYAPUNOV = 1e-3  # least base for its relative rise: an error of 1/20 of `scale`
 PHASOR = 0.25  # rate of the phasor filters / omega of the mode
@@ -97,7 +101,7 @@ def update_filters(supervisors: Supervisors, state: SupervisorState, s: int, tic
     place, y = state.past[s, tick % size], state.held.signal[s, 0]
     gain = 1.0 - exp(-SLOW * settings.omega / settings.frame_rate)
     place[0] = _slow(row.slow, gain, y if math.isfinite(y) else row.slow[0])
-    place[1] = place[2] = place[3] = place[4] = 0.0
+    place[1] = place[2] = place[3] = place[4] = row.effort = 0.0
     for d in range(supervisors.devices.shape[1]):
         device, limit = state.commanded[s, d], supervisors.devices[s, d].limit
         if supervisors.devices[s, d].place == UNSET:
@@ -105,6 +109,7 @@ def update_filters(supervisors: Supervisors, state: SupervisorState, s: int, tic
         acting = row.state in (ARMED, FALLBACK)
         u = device.output if acting else min(max(device.given[CONTROLLER], -limit), limit)
         slow = _slow(device.slow, gain, u if acting else 0.0)
+        row.effort = max(row.effort, abs(u) / limit)
         if acting:
             place[1], place[4] = max(place[1], abs(u) / limit), max(place[4], abs(slow) / limit)
         if abs(u) >= limit:
@@ -202,14 +207,15 @@ def _count(past: Float2, tick: int, window: int, side: float) -> int:
 @compiled
 def check_grid(supervisors: Supervisors, state: SupervisorState, s: int, devices: NDArray[Any]) -> None:
     """Update the monitors of the grid; those based on frames are NaN while data are unsound."""
-    value, settings = state.rows[s].values, supervisors.settings[s]
+    row, settings = state.rows[s], supervisors.settings[s]
+    value = row.values
     value[DEVICE] = 0.0
     for d in range(supervisors.devices.shape[1]):
         place = supervisors.devices[s, d].place
         if place != UNSET and (devices[place].blocked > 0.0 or devices[place].released > 0.0):
             value[DEVICE] += 1.0
     before = value[ISLANDING]
-    value[FREQUENCY] = value[ISLANDING] = value[HARM] = value[GROWING] = math.nan
+    value[FREQUENCY] = value[ISLANDING] = value[HARM] = value[GROWING] = value[FORCED] = math.nan
     if unsound(supervisors, state, s):
         return
     if math.isnan(before):
@@ -217,6 +223,7 @@ def check_grid(supervisors: Supervisors, state: SupervisorState, s: int, devices
     value[FREQUENCY], value[ISLANDING] = _apart(supervisors, state, s)
     if settings.omega > 0.0:
         value[HARM], value[GROWING] = _harm(supervisors, state, s), _growth(supervisors, state, s)
+        value[FORCED] = constancy(row.wave, row.slow[1] - state.phasors[s, 0, 0], row.effort, settings)
 
 
 @compiled
@@ -266,6 +273,30 @@ def _harm(supervisors: Supervisors, state: SupervisorState, s: int) -> float:
             acts = acts or size > ACTS * supervisors.devices[s, d].limit
             total += (supervisors.devices[s, d].residue * gain_of(supervisors, state, s, d)).real
     return total if acts else 0.0
+
+
+@compiled
+def constancy(wave: Float1, x: float, effort: float, settings: Any) -> float:
+    """How constant the size of a signal without mean, x, is: 2 - 2/3 E x^4 / (E x^2)^2, by its kurtosis.
+
+    1 for a sine wave, 0 for Gaussian noise; less for what decays or grows. V. D. Vrabie, P. Granjon, C. Serviere,
+    Spectral kurtosis: from definition to application, IEEE-EURASIP NSIP 2003. A mode of damping sigma changes its size
+    in 1/|sigma|: the exponential means forget in MEMORIES of these, and give NaN before. They begin anew with an event,
+    and while `effort` is 1: what the controller drives at its limits is not forced. `wave`: as in SUPERVISOR.
+    """
+    square = x * x
+    if effort >= 1.0 or square > ANEW * wave[1]:
+        wave[:] = 0.0
+    cycle = float(settings.cycle)
+    memory = MEMORIES * settings.frame_rate / max(-settings.sigma, 1e-9)
+    window = min(max(memory, SHORTEST * cycle), LONGEST * cycle)
+    wave[0] = min(wave[0] + 1.0, window)
+    for k, power in enumerate((square, square * square, effort * effort)):
+        wave[1 + k] += (power - wave[1 + k]) / wave[0]
+    if wave[0] < window:
+        return math.nan
+    answers = 2.0 * wave[3] > ANSWERS * ANSWERS and wave[1] > 0.0
+    return 2.0 - wave[2] / (1.5 * wave[1] * wave[1]) if answers else 0.0
 
 
 @compiled

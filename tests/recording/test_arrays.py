@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,10 +10,13 @@ import pandas as pd
 import pyarrow.parquet
 import pytest
 
+from facts_damping import signals
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.monitor_table import CODES, MONITORS
-from facts_damping.recording import load
+from facts_damping.recording import decoded_tables, load
+from facts_damping.recording.columns import Block
+from facts_damping.recording.decode import Series
 from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
 from tests.commands import assert_one_line
@@ -134,3 +138,16 @@ def test_export_refuses_in_one_line(
 ) -> None:
     write_record(record, tmp_path / "run")
     assert_one_line(2, ["export", str(tmp_path / "run"), "--out", str(tmp_path / out)], said, capsys)
+
+
+def test_recording_with_fewer_monitors_has_no_values_of_the_others() -> None:
+    """Of a version before `forced`, and of one that knows another one."""
+    monitors = [*(name for name in MONITORS if name != "forced"), "later"]
+    numbers = dict.fromkeys(signals.SUPERVISION_FIELDS.values(), np.zeros(2))
+    words = {"controller": "c", "state": "armed", "cause": "", "refused": ""}
+    values = [np.full(2, float(k)) for k in range(len(monitors))]
+    message = SimpleNamespace(**words, **numbers, monitors=monitors, values=values)
+    series = Series("/supervisor/state", np.arange(2), [Block(np.arange(2), message)])
+    rows = decoded_tables.supervision([series], ["c"])["values"]
+    assert rows[0, :-1].tolist() == list(range(23))
+    assert np.isnan(rows[:, CODES["forced"]]).all()

@@ -17,12 +17,12 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel
-from facts_damping.small_signal.zero_order_hold import halvings
 from facts_damping_studies.margins import delay_margin_runs
 from facts_damping_studies.margins.criteria import CRITERIA
 from facts_damping_studies.margins.delay_margin import Margin, first_limit, intervals, margin
 from facts_damping_studies.margins.delay_margin_pages import document, margin_text, plot
 from facts_damping_studies.margins.delay_margin_runs import HORIZONS, bears, beside, holding, pulse_margin, pulsed
+from facts_damping_studies.margins.halved_steps import halvings
 from facts_damping_studies.margins.linear_closed_loop import (
     DelayedLoop,
     Discrete,

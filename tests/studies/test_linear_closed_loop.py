@@ -20,7 +20,7 @@ from facts_damping.link.stages import mean_delay
 from facts_damping.signals import NANOSECONDS, to_ns
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel, weights_of
-from facts_damping.small_signal.zero_order_hold import halvings
+from facts_damping_studies.margins.halved_steps import halvings
 from facts_damping_studies.margins.linear_closed_loop import (
     DelayedLoop,
     Discrete,

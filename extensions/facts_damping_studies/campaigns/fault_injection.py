@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.case.names import controller_addresses, link_addresses, supervisor_addresses
 from facts_damping.errors import RunError
 from facts_damping.nodes import clock
-from facts_damping.nodes.base import lines
 from facts_damping.nodes.launching import graph, processes
 from facts_damping.nodes.launching.starting import RUN_FILE, Parts
 from facts_damping.recording import seal
+from facts_damping_studies.campaigns import attack_lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -122,7 +122,7 @@ class FaultInjector:
         self.attacker.errors.close()
         if failed:
             raise RunError(reason)
-        return lines.sent(text)
+        return attack_lines.sent(text)
 
 
 def run_with_fault(

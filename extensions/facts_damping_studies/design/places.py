@@ -19,7 +19,6 @@ import numpy as np
 from facts_damping.devices.base import AtInverter, AtMachine, AtUnit, Parallel, Series
 from facts_damping.devices.table import KINDS, MODELS
 from facts_damping.errors import FactsDampingError, check_known, one_line
-from facts_damping.fields import usual_values
 from facts_damping.machine_controls.block_models import active_blocks
 from facts_damping.machine_controls.blocks import terms
 from facts_damping.parameters.plant.placement import place
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping.compiling.structs import Complex1, Complex2, Float1
+    from facts_damping.fields import ParameterModel
     from facts_damping.parameters.plant.machines import Machine
     from facts_damping.parameters.plant.pmus import Channel
     from facts_damping.parameters.plant.system import Device, System
@@ -120,10 +120,16 @@ def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
             scale = reactance[where["line"]] if relative else 1.0
             if not 0.0 < scale <= LONGEST:  # a line that is a series capacitor itself
                 continue
-            data = usual_values(model) | {key: value * scale for key, value in relative.items()}
+            data = _usual_values(model) | {key: value * scale for key, value in relative.items()}
             device = model(name=name, kind=kind, **where, **data)
             new.append(Place(device, _at(device), False))
     return [*present, *new]
+
+
+def _usual_values(model: type[ParameterModel]) -> dict[str, Any]:
+    """Fields that are required and have a usual value, with that."""
+    extras = {name: field.json_schema_extra for name, field in model.model_fields.items()}
+    return {name: extra["usual"] for name, extra in extras.items() if isinstance(extra, dict) and "usual" in extra}
 
 
 def _at(device: Device) -> str:

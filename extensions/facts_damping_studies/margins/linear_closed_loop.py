@@ -35,7 +35,8 @@ from facts_damping.simulation.assembly import build_control
 from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.lqg import washouts
 from facts_damping.small_signal.sampled_output import remember, samples
-from facts_damping.small_signal.zero_order_hold import effect, halvings, rigid
+from facts_damping.small_signal.zero_order_hold import rigid
+from facts_damping_studies.margins.halved_steps import effect, halvings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

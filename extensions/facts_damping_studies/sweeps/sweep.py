@@ -5,18 +5,19 @@ from __future__ import annotations
 import hashlib
 import json
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.case.loading import read_run
 from facts_damping.control.table import PROGRAMS
 from facts_damping.errors import InputError, check_known
-from facts_damping.input_files import read_text
+from facts_damping.input_files import FMU, read_bytes, read_text
 from facts_damping.output.terminal import note
 from facts_damping.output.writing import write_whole
 from facts_damping.parameters import files
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import check_kind, find, read_sets, read_table
-from facts_damping.simulation.programs.user_code import source_hash
+from facts_damping.simulation.programs import user_code
 from facts_damping.version import __version__
 from facts_damping_studies.margins import margins
 from facts_damping_studies.margins.criteria import CriterionFigures, fails
@@ -31,7 +32,6 @@ from facts_damping_studies.sweeps.sweep_rows import IDENTITY, FractionRow, Margi
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
 
     from facts_damping.case.model import Case
     from facts_damping.output.terminal import Progress
@@ -89,12 +89,18 @@ def planned(
         first = make(base, points[0].changes | margin)
         _check_tables(study, points[0], first)
         changes = [point.changes for point in points]
-        code = [source_hash(*program) for program in dict.fromkeys(_programs([base.content, base.set, *changes]))]
+        code = [_source_hash(*program) for program in dict.fromkeys(_programs([base.content, base.set, *changes]))]
     except InputError as error:
         raise InputError(str(error) if source in str(error) else f"{source}: {error}") from error
     rests_on = [study.model_dump(), *only, base.content, base.set, first.document(), __version__, *code]
     digest = hashlib.sha256(json.dumps(rests_on, sort_keys=True, default=str).encode()).hexdigest()
     return SweepPlan(name, text, study, base, points, digest)
+
+
+def _source_hash(field: str, text: str) -> str:
+    """Hash of the file of a `policy` or `fmu`, which identifies its version. Raises `InputError`."""
+    file = text if field == "fmu" else user_code.file_of(user_code.find(text, field))
+    return hashlib.sha256(read_bytes(Path(file), FMU)).hexdigest() if Path(file).is_file() else ""
 
 
 def _programs(content: Any) -> Iterator[tuple[str, str]]:

@@ -17,7 +17,6 @@ _TICK = re.compile(r"^tick (\d+) (\d+) (\d+)$", re.MULTILINE)
 _REFUSED = re.compile(r"^refused (\d+) (\S+) (\S+) (\S+)$", re.MULTILINE)
 _STEPS = re.compile(r"^steps (\d+) (\S+) (\S+) (\S+)$", re.MULTILINE)
 _LOST = re.compile(r"^lost (\d+)$", re.MULTILINE)
-_SENT = re.compile(r"^sent (\d+) (\S+)$", re.MULTILINE)
 _ORDER = re.compile(r"^(kill|restart) (\S+)$", re.MULTILINE)  # of a cockpit: what its page asks for
 
 
@@ -69,16 +68,6 @@ def lost(output: str) -> int:
     """Lost messages in the output of a recorder."""
     match = _LOST.search(output)
     return int(match[1]) if match else 0
-
-
-def sent_line(count: int, topic: str) -> str:
-    """How many messages an attacker has sent on a topic."""
-    return f"sent {count} {topic}"
-
-
-def sent(output: str) -> dict[str, int]:
-    """Messages by topic in the output of an attacker."""
-    return {topic: int(count) for count, topic in _SENT.findall(output)}
 
 
 def orders(output: str) -> list[tuple[str, str]]:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, one_line
 from facts_damping.extensions import given
-from facts_damping.input_files import FMU, is_file, read_bytes
+from facts_damping.input_files import is_file, read_bytes
 from facts_damping.interruption import exit_now, heeded, leave
 
 if TYPE_CHECKING:
@@ -141,12 +141,6 @@ def _run_file(path: Path) -> Any:
             exec(compile(read_bytes(whole), str(whole), "exec"), vars(module))  # noqa: S102 (the user's own)
         _loaded[whole] = (written, module)
     return _loaded[whole][1]
-
-
-def source_hash(field: str, text: str) -> str:
-    """Hash of the file of a `policy` or `fmu`, which identifies its version. Raises `InputError`."""
-    file = text if field == "fmu" else file_of(find(text, field))
-    return hashlib.sha256(read_bytes(Path(file), FMU)).hexdigest() if Path(file).is_file() else ""
 
 
 def file_of(member: Any) -> str:
