@@ -54,12 +54,12 @@ def test_source_is_named_and_drawn(recording: Path, tmp_path: Path, capsys: pyte
 def test_source_without_a_pmu_is_named_by_its_area(
     record: Record, tmp_path: Path, written: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Neither G2 nor the tie is measured: the border is estimated."""
+    """Neither G2 nor the tie is measured: the grid's data tell."""
     status = record.status.copy()
     status[:, [1, 4]] = 32768  # data error
     written(replace(record, status=status), tmp_path / "recording")
     assert main(["locate", str(tmp_path / "recording")]) == 0
-    assert "by the network's data in area_1, first in" in capsys.readouterr().out
+    assert "Hz is G2 at B2 in area_1: first in" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
