@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 CHANNELS = ("active_power", "reactive_power", "voltage_angle", "voltage_magnitude")  # as EnergyFlow's phasors
 LOAD, METER = 0.008, 3e-4  # noise in a window of 1 s: of loads, relative to them; of PMUs, p.u. and rad
 MODEL = 0.1  # error of the model, relative to what is measured
+SMALLEST = 0.1  # p.u., power up to which a PMU's noise does not fall: a sum of all branches of a bus has none
 DEVICE = 1.0  # p.u., of setpoints: more than any has
 BAND = ((-1.0, 0.3), (-0.5, 0.5), (0.0, 0.6), (0.5, 0.5), (1.0, 0.3))  # of a Hann window: 1 / its length, amplitude
 ALIKE = 1e-3  # relative difference of what is explained, up to which places cannot be told apart
@@ -159,7 +160,7 @@ def _noise(grid: Grid, _from_states: Complex2, from_inputs: Complex2) -> Complex
 
 def _own(grid: Grid, power: Float1) -> Float1:
     """Noise of PMUs in the quantities in a window of 1 s; `power`: apparent, p.u., (PMUs,)."""
-    return METER * np.array([np.sqrt(2.0) * power[p] if c < 2 else 1.0 for p, c in grid.signals])
+    return METER * np.array([np.sqrt(2.0) * max(power[p], SMALLEST) if c < 2 else 1.0 for p, c in grid.signals])
 
 
 def _candidates(
