@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,8 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
+from facts_damping_views import recording_commands
+from facts_damping_views.analysis.locating import locate
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -62,6 +65,22 @@ def test_source_without_a_pmu_is_named_by_its_area(
     assert "Hz is G2 at B2 in area_1: first in" in capsys.readouterr().out
 
 
+def test_source_is_named_where_another_unit_gives_more_energy() -> None:
+    """G2 has no stabiliser: it feeds the interarea mode, whatever forces it. With a line out there is another mode."""
+    forced = "{time: 1, kind: forced_oscillation, exciter: G3, frequency: 0.67, amplitude: 0.01}"
+    sets = ["controllers=[]", "devices=[]", "duration=41", "frame_rate=30"]
+    case = load_case("two_area_deployment", [*sets, f"scenario=[{forced}]"])
+    where = locate(loop.run(case), case.system)
+    assert where.places[0].cell.units == ["G2"]
+    assert where.causes[0].units == ["G3"]
+    assert where.causes[0].explained > 0.9
+    trip = "{time: 0.5, kind: line_out, line: line_1}"
+    case = load_case("two_area_deployment", [*sets, f"scenario=[{trip}, {forced}]"])
+    where = locate(loop.run(case), case.system, frequency=0.67, since=10.0)
+    assert where.causes[0].units == ["G3"]
+    assert where.causes[0].explained > 0.9
+
+
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
@@ -84,3 +103,27 @@ def test_recording_without_currents_is_refused(
     frames[:, :, list(CHANNELS).index("current_magnitude")] = np.nan
     written(replace(record, frames=frames), tmp_path / "recording")
     assert_one_line(2, ["locate", str(tmp_path / "recording")], "no currents given; allowed: a recording of", capsys)
+
+
+def test_recording_that_grows_is_located_until_it_has_ended(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At first a tenth of it is there, too little; then three quarters; then all, and what marks its end."""
+    whole = (recording / "recording_0.mcap").read_bytes()
+    folder = tmp_path / "recording"
+    folder.mkdir()
+
+    def write(share: float) -> None:
+        (folder / "recording_0.mcap").write_bytes(whole[: int(share * len(whole))])
+
+    write(0.1)
+    steps = iter([lambda: write(0.75), lambda: shutil.copytree(recording, folder, dirs_exist_ok=True)])
+    monkeypatch.setattr(recording_commands.time, "sleep", lambda _seconds: next(steps)())
+    assert main(["locate", str(folder), "--every", "5", "--out", str(tmp_path)]) == 0
+    out, err = capsys.readouterr()
+    assert err.count("not yet: ") == 1
+    verdicts = [line for line in out.splitlines() if "Hz is G2 at B2 in area_1: first in" in line]
+    assert len(verdicts) == 2
+    ends = [float(line.split()[2]) for line in out.splitlines() if " s; energy relative" in line]
+    assert 20.0 < ends[0] < 26.0 < 31.0 < ends[1]
+    assert out.count("energy_flow.png") == 1, "only at the end"
