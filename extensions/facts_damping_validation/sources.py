@@ -240,10 +240,10 @@ def main() -> None:
     folder, rows = files.new_folder(Path(arguments.out)), list[Sourced]()
     for name in arguments.systems:
         with Progress(name, "runs") as progress:
-            seeds = range(arguments.first, arguments.first + arguments.count)
-            rows += results(name, seeds, progress)
-        text = [",".join(Sourced._fields), *(",".join(str(value).replace(",", ";") for value in row) for row in rows)]
-        write_whole(folder / "sources.csv", "\n".join([*text, ""]))
+            for row in results(name, range(arguments.first, arguments.first + arguments.count), progress):
+                rows.append(row)
+                text = [",".join(Sourced._fields), *(",".join(str(x).replace(",", ";") for x in of) for of in rows)]
+                write_whole(folder / "sources.csv", "\n".join([*text, ""]))
     for more in ((), ("system",), ("kind",), ("place",)):
         by = ("error", "with_pmu", *more)
         show("\n".join([*table([*by, "right", "95 % interval", "by energy"], rates(rows, *by), len(by)), ""]))

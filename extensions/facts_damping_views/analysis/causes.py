@@ -83,23 +83,25 @@ def causes(
     service. Raises `InputError` if the grid does not start, or falls into islands, with these.
     """
     there = [p for p in np.flatnonzero(np.isfinite(flows.flow).all(axis=0)) if _in_service(system.pmus[p], out)]
+    if not there:
+        return []
     grid = linear_grid(system, [system.pmus[p] for p in there], devices, out)
     length = float(np.ptp(whole.windows[0]))
-    answers = [(share, _answers(grid, flows.frequency + step / length)) for step, share in BAND]
+    of_states, of_inputs = _answers(grid, whole.frequency)
+    in_band = [share * _answers(grid, whole.frequency + step / length)[1] for step, share in BAND]
+    noise = np.hstack([_of_loads(grid, answer) for answer in in_band]) / np.sqrt(length)
+    wide = np.hstack([noise, DEVICE * of_inputs[:, : grid.devices]])
     measured = _measured(grid, np.concatenate([whole.phasor, flows.phasor])[:, there])
-    spread = np.hstack([share * _noise(grid, *answer) for share, answer in answers]) / np.sqrt(length)
-    setpoints = DEVICE * answers[len(BAND) // 2][1][1][:, : grid.devices]
-    own = _own(grid, whole.power[there]) / np.sqrt(length)
+    meters = _of_meters(grid, whole.power[there]) / np.sqrt(length)
     model = MODEL * np.abs(measured[:, 0])
-    wide = np.hstack([spread, setpoints])
-    factor = np.linalg.cholesky(wide @ wide.conj().T + np.diag(own**2 + model**2))
+    factor = np.linalg.cholesky(wide @ wide.conj().T + np.diag(meters**2 + model**2))
     white = np.linalg.solve(factor, measured)
-    names, energy = [], []
-    for name, answer in _candidates(grid, *answers[len(BAND) // 2][1], out):
+    rows, energy = [], []
+    for row, answer in _candidates(grid, of_states, of_inputs, out):
         base, _ = np.linalg.qr(np.linalg.solve(factor, answer))
-        names.append(name)
+        rows.append(row)
         energy.append((np.abs(base.conj().T @ white) ** 2).sum(axis=0))
-    return _ranked(system, names, np.array(energy) / (np.abs(white) ** 2).sum(axis=0))
+    return _ranked(system, rows, np.array(energy) / (np.abs(white) ** 2).sum(axis=0))
 
 
 def _in_service(pmu: Pmu, out: AbstractSet[str]) -> bool:
@@ -152,13 +154,13 @@ def _measured(grid: Grid, phasor: Complex3) -> Complex2:
     return np.array([against_first[:, p, c] for p, c in grid.signals])
 
 
-def _noise(grid: Grid, _from_states: Complex2, from_inputs: Complex2) -> Complex2:
+def _of_loads(grid: Grid, from_inputs: Complex2) -> Complex2:
     """What noise of loads gives in a window of 1 s, (quantities, two of each load)."""
     sizes = np.repeat([abs(complex(x.P, x.Q)) / grid.system.base_power for x in grid.system.loads], 2)
     return np.asarray(LOAD * from_inputs[:, grid.devices :] * sizes)
 
 
-def _own(grid: Grid, power: Float1) -> Float1:
+def _of_meters(grid: Grid, power: Float1) -> Float1:
     """Noise of PMUs in the quantities in a window of 1 s; `power`: apparent, p.u., (PMUs,)."""
     return METER * np.array([np.sqrt(2.0) * max(power[p], SMALLEST) if c < 2 else 1.0 for p, c in grid.signals])
 
