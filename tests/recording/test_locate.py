@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
+from facts_damping_views.analysis.locating import locate
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -54,12 +56,28 @@ def test_source_is_named_and_drawn(recording: Path, tmp_path: Path, capsys: pyte
 def test_source_without_a_pmu_is_named_by_its_area(
     record: Record, tmp_path: Path, written: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Neither G2 nor the tie is measured: the border is estimated."""
+    """Neither G2 nor the tie is measured: the grid's data tell."""
     status = record.status.copy()
     status[:, [1, 4]] = 32768  # data error
     written(replace(record, status=status), tmp_path / "recording")
     assert main(["locate", str(tmp_path / "recording")]) == 0
-    assert "by the network's data in area_1, first in" in capsys.readouterr().out
+    assert "Hz is G2 at B2 in area_1: first in" in capsys.readouterr().out
+
+
+def test_source_is_named_where_another_unit_gives_more_energy() -> None:
+    """G2 has no stabiliser: it feeds the interarea mode, whatever forces it. With a line out there is another mode."""
+    forced = "{time: 1, kind: forced_oscillation, exciter: G3, frequency: 0.67, amplitude: 0.01}"
+    sets = ["controllers=[]", "devices=[]", "duration=41", "frame_rate=30"]
+    case = load_case("two_area_deployment", [*sets, f"scenario=[{forced}]"])
+    where = locate(loop.run(case), case.system)
+    assert where.places[0].cell.units == ["G2"]
+    assert where.causes[0].units == ["G3"]
+    assert where.causes[0].explained > 0.9
+    trip = "{time: 0.5, kind: line_out, line: line_1}"
+    case = load_case("two_area_deployment", [*sets, f"scenario=[{trip}, {forced}]"])
+    where = locate(loop.run(case), case.system, frequency=0.67, since=10.0)
+    assert where.causes[0].units == ["G3"]
+    assert where.causes[0].explained > 0.9
 
 
 @pytest.mark.parametrize(
@@ -84,3 +102,32 @@ def test_recording_without_currents_is_refused(
     frames[:, :, list(CHANNELS).index("current_magnitude")] = np.nan
     written(replace(record, frames=frames), tmp_path / "recording")
     assert_one_line(2, ["locate", str(tmp_path / "recording")], "no currents given; allowed: a recording of", capsys)
+
+
+def test_recording_that_grows_is_located_until_it_has_ended(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At first a tenth of it is there, too little; then three quarters; then all, and what marks its end."""
+    whole = (recording / "recording_0.mcap").read_bytes()
+    folder = tmp_path / "recording"
+    folder.mkdir()
+
+    shares = iter((0.1, 0.75, 1.0))
+
+    def grow(_seconds: float = 0.0) -> None:
+        share = next(shares)
+        (folder / "recording_0.mcap").write_bytes(whole[: int(share * len(whole))])
+        if share == 1.0:
+            shutil.copy(recording / "metadata.yaml", folder)
+
+    grow()
+    monkeypatch.setattr("facts_damping_views.recording_commands.time.sleep", grow)
+    assert main(["locate", str(folder), "--every", "5", "--out", str(tmp_path)]) == 0
+    out, err = capsys.readouterr()
+    assert err.count("not yet: ") == 1
+    verdicts = [line for line in out.splitlines() if "Hz is G2 at B2 in area_1: first in" in line]
+    assert len(verdicts) == 2
+    ends = [float(line.split()[2]) for line in out.splitlines() if " s; energy relative" in line]
+    assert 20.0 < ends[0] < 26.0
+    assert ends[1] > 31.0
+    assert out.count("energy_flow.png") == 1, "only at the end"

@@ -31,7 +31,7 @@ from facts_damping.signals import CHANNELS, NANOSECONDS, NEVER
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.compiling.structs import Complex2, Float1, Float2
+    from facts_damping.compiling.structs import Complex1, Complex2, Complex3, Float1, Float2
 
 BAND = (0.1, 5.0)  # Hz, in which a frequency is sought
 FLOOR = 15  # lines of the spectrum, whose median is what an oscillation stands out of
@@ -56,13 +56,16 @@ class EnergyFlow(NamedTuple):
     """The energy of an oscillation: its frequency, Hz; start and end of each window, s; p.u. rad/s there.
 
     `flow` (windows, places): out of a machine, or of a bus into the measured branches; NaN: too few frames.
-    `amplitude` (places,): of the active power, p.u.
+    `amplitude` (places,): of the active power, p.u. `phasor` (windows, places, 4): of P, Q, theta, ln V, in the middle
+    of each window. `power` (places,): mean apparent power, p.u.
     """
 
     frequency: float
     windows: Float2
     flow: Float2
     amplitude: Float1
+    phasor: Complex3
+    power: Float1
 
 
 def phasors(frames: NDArray[np.float64], measured_ns: NDArray[np.int64], status: NDArray[np.int64]) -> Phasors:
@@ -134,29 +137,42 @@ def windows(start: float, end: float, frequency: float) -> Float2:
     return np.column_stack([begin, begin + length])
 
 
-def energy_flow(measured: Phasors, frequency: float) -> EnergyFlow:
-    """Energy flow of an oscillation at each place, window by window. Raises `InputError` if the time is too short."""
+def energy_flow(measured: Phasors, frequency: float, *, whole: bool = False) -> EnergyFlow:
+    """Energy flow of an oscillation at each place, window by window, or in one window of the whole time.
+
+    Raises `InputError` if the time is too short.
+    """
     start, end = float(np.nanmin(measured.time_s)), float(np.nanmax(measured.time_s))
-    spans = windows(start, end, frequency)
+    spans = np.array([[start, end]]) if whole else windows(start, end, frequency)
     places = measured.voltage.shape[1]
-    flow, amplitude = np.full((len(spans), places), np.nan), np.full((len(spans), places), np.nan)
+    phasor = np.full((len(spans), places, 4), np.nan + 0j)
     usual = np.isfinite(measured.voltage * measured.current).sum(axis=0).max(initial=0) / max(end - start, 1e-9)
     for w, (begin, stop) in enumerate(spans):
         for place in range(places):
             t, v, i = (of[:, place] for of in measured)
             ok = (t >= begin) & (t <= stop) & np.isfinite(v) & np.isfinite(i) & (np.abs(v) > 0.0)
             if ok.sum() >= PRESENT * usual * (stop - begin):
-                flow[w, place], amplitude[w, place] = _slope(t[ok], v[ok], i[ok], frequency, (begin, stop))
-    many = np.isfinite(amplitude).any(axis=0)
-    mean = np.array([np.nanmean(column) if ok else np.nan for column, ok in zip(amplitude.T, many, strict=True)])
-    return EnergyFlow(frequency, spans, flow, mean)
+                phasor[w, place] = _phasors(t[ok], v[ok], i[ok], frequency, (begin, stop))
+    p, q, theta, ln_v = np.moveaxis(phasor, 2, 0)
+    turn = 2j * np.pi * frequency
+    flow = 0.5 * (p.conjugate() * turn * theta).real + 0.5 * (q.conjugate() * turn * ln_v).real
+    amplitude = np.abs(p)
+    mean = [_mean(values) for values in (amplitude, np.abs(measured.voltage * measured.current))]
+    return EnergyFlow(frequency, spans, flow, mean[0], phasor, mean[1])
 
 
-def _slope(
+def _mean(values: Float2) -> Float1:
+    """Mean of each column over the rows that are there; NaN: none is."""
+    there = np.isfinite(values)
+    total = np.where(there, values, 0.0).sum(axis=0)
+    return np.asarray(np.where(there.any(axis=0), total / np.maximum(there.sum(axis=0), 1), np.nan))
+
+
+def _phasors(
     t: Float1, voltage: NDArray[np.complex128], current: NDArray[np.complex128], frequency: float,
     span: tuple[float, float],
-) -> tuple[float, float]:  # fmt: skip
-    """Slope of W over a window, p.u. rad/s, and the amplitude of the active power, p.u."""
+) -> Complex1:  # fmt: skip
+    """Phasors of P, Q, theta and ln V over a window, in its middle, p.u. and rad."""
     omega, length = 2.0 * np.pi * frequency, span[1] - span[0]
     middle = t - 0.5 * (span[0] + span[1])
     power = voltage * current.conj()
@@ -165,6 +181,4 @@ def _slope(
     columns = np.column_stack([np.cos(omega * middle), np.sin(omega * middle), np.ones_like(tau), tau, tau * tau])
     weight = np.cos(0.5 * np.pi * tau)[:, None]  # its square is Hann's window
     fit, *_ = np.linalg.lstsq(weight * columns, weight * signals, rcond=None)
-    p, q, theta, ln_v = fit[0] - 1j * fit[1]
-    slope = 0.5 * (p.conjugate() * 1j * omega * theta).real + 0.5 * (q.conjugate() * 1j * omega * ln_v).real
-    return float(slope), float(abs(p))
+    return np.asarray(fit[0] - 1j * fit[1])

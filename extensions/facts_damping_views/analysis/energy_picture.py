@@ -9,8 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from facts_damping.output.picture_files import save_picture
+from facts_damping_views.analysis.causes import Cause
 from facts_damping_views.analysis.cells import ends
-from facts_damping_views.analysis.locating import words
+from facts_damping_views.analysis.locating import named, words
 from facts_damping_views.bus_places import places
 
 if TYPE_CHECKING:
@@ -54,8 +55,9 @@ def plot(system: System, where: Location, path: Path) -> Path:
     axes.set_aspect("equal")
     axes.margins(0.1)
     axes.set_axis_off()
-    first = where.places[0]
-    title = f"energy of the oscillation of {where.frequency:.3f} Hz; source: {words(first.cell)}"
+    first = where.causes[0] if where.causes else where.places[0]
+    source = named(first) if isinstance(first, Cause) else words(first.cell)
+    title = f"energy of the oscillation of {where.frequency:.3f} Hz; source: {source}"
     title += f", first in {round(first.first * where.windows)} of {where.windows} windows"
     figure.suptitle(f"{system.name}: {title}", fontsize=11)
     return save_picture(figure, path, dpi=130)
@@ -93,8 +95,7 @@ def _arrows(axes: Axes, system: System, where: Location, at: Places) -> None:
 
 
 def _source(axes: Axes, where: Location, at: Places) -> None:
-    """A ring around the source: its bus, or all buses of the part of the grid."""
-    cell = where.places[0].cell
-    for bus in cell.buses or [cell.bus]:
-        size = 30.0 if len(cell.buses) <= 1 else 9.0
-        axes.plot(*at[bus], "o", ms=size, mfc="none", mec="black", mew=1.5, zorder=6)
+    """A ring around the source: its bus, or all that it may be at."""
+    buses = where.causes[0].buses if where.causes else where.places[0].cell.buses or [where.places[0].cell.bus]
+    for bus in buses:
+        axes.plot(*at[bus], "o", ms=30.0 if len(buses) == 1 else 9.0, mfc="none", mec="black", mew=1.5, zorder=6)

@@ -1,9 +1,9 @@
 """Where an oscillation comes from: places of a grid by the energy that they put into it.
 
 The energy flows at the PMUs (`energy_flow`) give what each part of the grid between them (`cells`) produces. The part
-that produces most, as the mean over windows of time, is named as the source; the fraction of the windows in which it
-produces most is the confidence. A source that reaches over several areas is divided at their borders, where voltages
-and currents are estimated from the data of the network (`network_state`).
+that produces most, as the mean over windows of time, comes first; the fraction of the windows in which it produces
+most is the confidence. This needs no data but the diagram; but a unit that undamps the oscillation, or a load,
+may give more energy than the source. With the grid's data, `causes` tells which source explains the measurements.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from facts_damping.analysis.measures import event_times
 from facts_damping.errors import InputError
 from facts_damping.output.tables import some_of, table
 from facts_damping.signals import NANOSECONDS
-from facts_damping_views.analysis import energy_flow, network_state
-from facts_damping_views.analysis.cells import areas, cells, ends
+from facts_damping_views.analysis import causes, energy_flow
+from facts_damping_views.analysis.cells import cells
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from collections.abc import Set as AbstractSet
 
     from facts_damping.parameters.plant.system import System
     from facts_damping.record import Record
+    from facts_damping_views.analysis.causes import Cause
     from facts_damping_views.analysis.cells import Cell
 
 CLEAR = 0.5  # least fraction of the windows in which a source is first
@@ -44,10 +44,9 @@ class Place(NamedTuple):
 
 
 class Location(NamedTuple):
-    """Places, the strongest source first, and the measurements behind them.
+    """Sources that explain the measurements, the best first; places by energy, the strongest first; measurements.
 
-    `within`: the parts of the first place by area, likewise, if it reaches over several. `flow` (PMUs,): mean energy
-    flow, p.u. rad/s; NaN: not measured. `since`, `until`: time used, s.
+    `flow` (PMUs,): mean energy flow, p.u. rad/s; NaN: not measured. `since`, `until`: time used, s.
     """
 
     frequency: float
@@ -55,15 +54,10 @@ class Location(NamedTuple):
     until: float
     windows: int
     places: list[Place]
-    within: list[Place]
+    causes: list[Cause]  # empty if the grid, as it was, has no linear model
     pmus: list[str]
     flow: list[float]
     amplitude: list[float]  # (PMUs,), of the active power, p.u.
-
-    @property
-    def source(self) -> Place:
-        """The place that is named: the first, or the first within it."""
-        return (self.within or self.places)[0]
 
 
 def locate(
@@ -96,28 +90,18 @@ def locate(
         raise InputError(f"no oscillation at {frequency:g} Hz given; allowed: one that moves power at a PMU")
     state = [s for s in states_of(record) if s.time_ns <= start * NANOSECONDS + 1][-1]
     out = state.lines_out | state.machines_out
-    where = Location(
-        frequency, start, end, len(flows.windows), ranked(system, flows, out), [], *_at_pmus(system, flows)
-    )
-    return where._replace(within=_by_area(system, measured, frequency, out, where.places[0].cell))
+    places = ranked(system, flows, out)
+    try:
+        whole = energy_flow.energy_flow(measured, frequency, whole=True)
+        explained = causes.causes(system, whole, flows, record.device_names, out)
+    except InputError:
+        explained = []
+    return Location(frequency, start, end, len(flows.windows), places, explained, *_at_pmus(system, flows))
 
 
 def _at_pmus(system: System, flows: energy_flow.EnergyFlow) -> tuple[list[str], list[float], list[float]]:
     """Names of the PMUs, mean energy flow, amplitude."""
     return [pmu.name for pmu in system.pmus], flows.flow.mean(axis=0).tolist(), flows.amplitude.tolist()
-
-
-def _by_area(
-    system: System, measured: energy_flow.Phasors, frequency: float, out: AbstractSet[str], cell: Cell
-) -> list[Place]:
-    """The parts of a cell by area, the strongest source first; empty if it has one area."""
-    if len(cell.areas) < 2 or len(cell.buses) < 2:
-        return []
-    inside = {name: pair for name, pair in ends(system, out).items() if set(pair) <= set(cell.buses)}
-    more = network_state.at_borders(areas(system), inside)
-    wider = system.model_copy(update={"pmus": [*system.pmus, *more]})
-    flows = energy_flow.energy_flow(network_state.extended(system, measured, more, out), frequency)
-    return ranked(wider, flows, out, set(cell.buses))
 
 
 def quiet(record: Record) -> tuple[float, float]:
@@ -132,19 +116,15 @@ def last_event(record: Record) -> float:
     return max((t for t in event_times(record) if t < float(record.time_s[-1])), default=0.0)
 
 
-def ranked(
-    system: System, measured: energy_flow.EnergyFlow, out: AbstractSet[str], inside: AbstractSet[str] = frozenset()
-) -> list[Place]:
+def ranked(system: System, measured: energy_flow.EnergyFlow, out: AbstractSet[str]) -> list[Place]:
     """Places by what they produce; PMUs that lack data in a window count as absent.
 
-    `out`: elements out of service; `inside`: buses, of which alone places count. Raises `InputError` if PMUs do not
-    divide the grid.
+    `out`: elements out of service. Raises `InputError` if PMUs do not divide the grid.
     """
     there = np.asarray(np.isfinite(measured.flow).all(axis=0))
     grid = cells(system, [bool(ok) for ok in there], out)
-    count = [c for c, cell in enumerate(grid.cells) if not inside or (cell.buses and set(cell.buses) <= inside)]
     flow = np.where(there, measured.flow, 0.0)
-    produced = flow @ grid.balance[count].T  # (windows, cells)
+    produced = flow @ grid.balance.T  # (windows, cells)
     mean = produced.mean(axis=0)
     largest = float(np.abs(mean).max())
     if len(grid.cells) < 2 or not largest > 0.0:
@@ -154,9 +134,7 @@ def ranked(
     firsts = np.bincount(produced.argmax(axis=1), minlength=len(mean)) / len(produced)
     error = produced.std(axis=0, ddof=1) / np.sqrt(len(produced))
     return [
-        Place(
-            grid.cells[count[c]], float(mean[c]), float(mean[c] / largest), float(error[c] / largest), float(firsts[c])
-        )
+        Place(grid.cells[c], float(mean[c]), float(mean[c] / largest), float(error[c] / largest), float(firsts[c]))
         for c in np.argsort(-mean, kind="stable")
     ]
 
@@ -171,38 +149,44 @@ def words(cell: Cell) -> str:
     return f"the grid about {cell.bus}" if len(cell.buses) > 1 else cell.bus
 
 
+def named(cause: Cause) -> str:
+    """The units and loads of a cause with their buses and areas, in words."""
+    within = f" in {some_of(cause.areas, 4)}" if cause.areas else ""
+    return f"{' or '.join([*cause.units, *cause.loads])} at {' or '.join(cause.buses)}{within}"
+
+
 def lines(where: Location) -> list[str]:
-    """A verdict, and the table of places."""
-    first = where.places[0]
-    cell, within = first.cell, f" in {some_of(first.cell.areas, 4)}" if first.cell.areas else ""
-    if len(cell.units) == 1 and not cell.loads:
-        source = f"{cell.units[0]} at {cell.bus}{within}"
-    else:
-        source = f"between PMUs, at or behind {words(cell)}{within}"
-    verdict = f"the source of {where.frequency:.3f} Hz is {source}: first in {_windows(first, where)}"
-    if first.first < CLEAR:
-        verdict = f"the source of {where.frequency:.3f} Hz is not clear; most comes from {source}"
-    if where.within:
-        part = where.within[0]
-        verdict += f"; by the network's data in {some_of(part.cell.areas, 4)}, first in {_windows(part, where)}"
+    """A verdict, the table of sources that explain the measurements, and that of places by energy."""
+    at, first = f"{where.frequency:.3f} Hz", where.places[0]
+    within = f" in {some_of(first.cell.areas, 4)}" if first.cell.areas else ""
+    energy = f"{words(first.cell)} at {first.cell.bus}{within}: first in {_windows(first, where)}"
+    text = [f"most energy of {at} comes from {energy}"]
+    if where.causes:
+        best = where.causes[0]
+        clear = "is" if best.first >= CLEAR and best.explained >= CLEAR else "is not clear; most is explained by"
+        verdict = f"the source of {at} {clear} {named(best)}: first in {_windows(best, where)}"
+        text = [f"{verdict}, explains {best.explained:.2f}", *text]
     largest = max(abs(place.production) for place in where.places)
-    used = f"{where.since:.1f} to {where.until:.1f} s; energy relative to the largest, {largest:.3g} p.u. rad/s"
-    heads = ("place", "bus", "area", "energy", "error", "first")
-    text = [verdict, used, "", *table(heads, _rows(where, where.places), 3)]
+    text.append(f"{where.since:.1f} to {where.until:.1f} s; energy relative to the largest, {largest:.3g} p.u. rad/s")
+    if where.causes:
+        heads = ("source", "bus", "area", "explains", "first")
+        text += ["", *table(heads, [_cause_row(where, cause) for cause in where.causes[:SHOWN]], 3)]
+    by_energy = [_place_row(where, place) for place in where.places[:SHOWN]]
+    text += ["", *table(("place by energy", "bus", "area", "energy", "error", "first"), by_energy, 3)]
     if len(where.places) > SHOWN:
         text.append(f"and {len(where.places) - SHOWN} more that produce less")
-    if where.within:
-        text += ["", "the first of them by area:", *table(heads, _rows(where, where.within), 3)]
     return text
 
 
-def _windows(place: Place, where: Location) -> str:
-    return f"{round(place.first * where.windows)} of {where.windows} windows"
+def _windows(of: Place | Cause, where: Location) -> str:
+    return f"{round(of.first * where.windows)} of {where.windows} windows"
 
 
-def _rows(where: Location, places: Sequence[Place]) -> list[tuple[str, ...]]:
-    return [
-        (words(p.cell), p.cell.bus, some_of(p.cell.areas, 3), f"{p.relative:+.3f}", f"{p.scatter:.3f}",
-         f"{round(p.first * where.windows)}/{where.windows}")
-        for p in places[:SHOWN]
-    ]  # fmt: skip
+def _cause_row(where: Location, c: Cause) -> tuple[str, ...]:
+    share = f"{round(c.first * where.windows)}/{where.windows}"
+    return some_of([*c.units, *c.loads], 4), some_of(c.buses, 3), some_of(c.areas, 3), f"{c.explained:.3f}", share
+
+
+def _place_row(where: Location, p: Place) -> tuple[str, ...]:
+    share, areas_of = f"{round(p.first * where.windows)}/{where.windows}", some_of(p.cell.areas, 3)
+    return words(p.cell), p.cell.bus, areas_of, f"{p.relative:+.3f}", f"{p.scatter:.3f}", share
