@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.case import loading
 from facts_damping.case.names import label, replaceable
 from facts_damping.cli.reporting import say, tell_graph
-from facts_damping.cli.runs import WITH_RUN, is_recording, out_folder
+from facts_damping.cli.runs import WITH_RUN, out_folder
 from facts_damping.errors import FactsDampingError, InputError, one_line
 from facts_damping.interruption import clean_up_first
 from facts_damping.nodes import clock
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 REPEATED_S = 600.0  # simulated time after which random numbers repeat in a run without end
 ENDS = "Ctrl-C ends it"
+RECORDINGS = (".mcap", ".db3")  # suffixes of a recording's files
 DURATION = re.compile(r"\s*duration\s*=")
 EVENT = re.compile(rf"^{controls.EVENT} (.*)$", re.MULTILINE)
 
@@ -47,12 +48,18 @@ def cockpit(arguments: argparse.Namespace) -> None:
     from facts_damping_views.cockpit import server
 
     server.check_libraries()
-    if is_recording(arguments.what):
+    if _is_recording(arguments.what):
         _replay(arguments)
     elif arguments.other is not None:
         raise InputError(f"{arguments.other}: given beside a run; allowed: beside a recording")
     else:
         _run(arguments)
+
+
+def _is_recording(what: str | None) -> bool:
+    """Whether a command line names a recording, not a run."""
+    path = Path(what or "")
+    return what is not None and (path.is_dir() or path.suffix in RECORDINGS)
 
 
 class SimulatedTime(Progress):
@@ -217,7 +224,7 @@ def views(arguments: argparse.Namespace) -> None:
     from facts_damping_views.layouts import layouts
 
     path = Path(arguments.what or "")
-    if is_recording(arguments.what):
+    if _is_recording(arguments.what):
         if arguments.set:
             raise InputError(f"--set {arguments.set[0]}: given with a recording; allowed: with a run")
         content, namespace = origin(path)

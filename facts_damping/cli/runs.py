@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 
 HOST = "127.0.0.1"  # of a cockpit
-RECORDINGS = (".mcap", ".db3")  # suffixes of a recording's files
 WITH_RUN = "a recording that holds its run"
 
 
@@ -42,12 +41,6 @@ def out_folder(arguments: argparse.Namespace, name: str) -> Path:
     begun = f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
     numbered = (Path("results") / (begun if k == 1 else f"{begun}-{k}") for k in count(1))  # for several in one second
     return next(folder for folder in numbered if not folder.exists())
-
-
-def is_recording(what: str | None) -> bool:
-    """Whether a command line names a recording, not a run."""
-    path = Path(what or "")
-    return what is not None and (path.is_dir() or path.suffix in RECORDINGS)
 
 
 def simulate(arguments: argparse.Namespace) -> None:

@@ -132,6 +132,20 @@ def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], fi
 
 
 @compiled
+def _queue(
+    plant: Plant, state: PlantState, setpoints: NDArray[Any], first: int, count: int, end: int
+) -> tuple[int, int]:
+    """Queue the setpoints before `end` that act after dead times; return the next one, and when something acts."""
+    while first < count and setpoints[first].effective_ns < end:
+        d, now = setpoints[first].device, setpoints[first].effective_ns
+        if plant.devices[d].dead_ns == 0 or state.watch[d].released == 1:
+            return first, now
+        _take_setpoints(plant, state, setpoints, first, first + 1, now)
+        first, end = first + 1, min(end, now + plant.devices[d].dead_ns)
+    return first, end
+
+
+@compiled
 def _let_go(plant: Plant, state: PlantState, end: int, now: int) -> int:
     """Release devices whose time-out has passed, with target zero; return the next possible time, or `end`.
 
@@ -202,8 +216,8 @@ def advance(
 
     Setpoints, ends of dead times, events, points of the loads' noise, kinks of forced oscillations and ends of
     reference ramps split the interval exactly; each part has equal steps of at most `plant.step_ns`. The watchdog of
-    each device decides which setpoints act, and when the device is released. `work.samples`: the PMUs' phasors at
-    instants that divide the whole evenly, within steps.
+    each device decides which setpoints act, and when the device is released. Of a large grid a setpoint that first has
+    a dead time splits nothing. `work.samples`: the PMUs' phasors at instants that divide the whole evenly, in steps.
     """
     now, following, ramp, written, samples = start_ns, 0, work.ramp, 0, work.samples.shape[0]
     due = _instant(start_ns, end_ns, 1, samples + 1)
@@ -212,7 +226,9 @@ def advance(
         interval = begin_interval(plant, state, now)
         end = _let_go(plant, state, end_ns, now)
         end = arrive(state.under_way, state.waiting, state.target, end, now)
-        if following < count:
+        if len(plant.sparse_networks) > 0:
+            following, end = _queue(plant, state, setpoints, following, count, end)
+        elif following < count:
             end = min(end, setpoints[following].effective_ns)
         if interval + 1 < plant.interval_start_ns.size:
             end = min(end, plant.interval_start_ns[interval + 1])

@@ -83,7 +83,7 @@ def kind_of_twin(case: Case, record: Record) -> str:
     learns = any(c.scheme or c.policy or c.fmu for c in case.controllers)  # or is not known to be linear
     if changed(record) or learns or trips(supervision(record, None)):
         return MIRROR
-    first, last = _grids(case)
+    first, last = grids(case)
     if first == last:
         return WITHOUT_EVENTS
     only_lines = last == (Topology(lines_out=last[0].lines_out), {}, {})
@@ -92,18 +92,12 @@ def kind_of_twin(case: Case, record: Record) -> str:
 
 def with_outage(case: Case) -> Case:
     """A case whose only events are that the lines that its events leave out trip at the start."""
-    out = _grids(case)[-1][0].lines_out
+    out = grids(case)[-1][0].lines_out
     rows = [{"time": OUTAGE_S, "kind": "line_out", "line": line} for line in sorted(out)]
     return replace(case, scenario=Scenario.model_validate({"name": "outage", "events": rows}))
 
 
-def grid_changes(case: Case) -> bool:
-    """Whether the grid is another one after the events."""
-    first, last = _grids(case)
-    return first != last
-
-
-def _grids(case: Case) -> tuple[Grid, Grid]:
+def grids(case: Case) -> tuple[Grid, Grid]:
     """The grid before the first event and after the last one."""
     intervals = topology_intervals(case.system, case.scenario.events)
     return _grid(intervals[0]), _grid(intervals[-1])

@@ -16,7 +16,7 @@ from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.response import MIRROR, WITHOUT_EVENTS, swings_of
 from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.simulation import loop
-from facts_damping.simulation.twins import grid_changes, twin
+from facts_damping.simulation.twins import grids, twin
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
@@ -49,7 +49,8 @@ def measure(case: Case, after: float) -> Measured:
 def _response(case: Case, record: Record, after: float) -> tuple[float, float]:
     """Index and peak of a run in synchronism."""
     times = [event.time for event in case.scenario.events]
-    kind = MIRROR if grid_changes(case) else WITHOUT_EVENTS  # the same for all controllers
+    first, last = grids(case)
+    kind = MIRROR if first != last else WITHOUT_EVENTS  # the same for all controllers
     swings = swings_of(record, twin(case, record, kind) if times else None)
     t, x = record.time_s[: len(swings.judged)], swings.judged
     if not times:
