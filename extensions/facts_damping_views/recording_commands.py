@@ -75,8 +75,11 @@ def locate(arguments: argparse.Namespace) -> None:
     path = Path(arguments.recording)
     marker = path / FILE_NAME
     if arguments.every is None:
-        record = _explained(load(path), arguments.recording, arguments.run)
-        _located(arguments, record, arguments.since, drawn=True)
+        with Progress("locate", "steps: read, locate and draw") as progress:
+            progress(0, 2)
+            record = _explained(load(path), arguments.recording, arguments.run)
+            progress(1, 2)
+            _located(arguments, record, arguments.since, drawn=True)
         return
     if not path.is_dir():
         raise InputError(f"--every: given with {path}; allowed: with the folder of a recording")
