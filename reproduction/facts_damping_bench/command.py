@@ -53,7 +53,7 @@ def bench(arguments: argparse.Namespace) -> None:
     clean_up_first()
     with Progress("bench", "runs") as progress:
         if others:
-            results = study.measure(others, progress, repeats, table, sweep=not alone)
+            results = study.measure(others, progress, repeats, table, finer=shown.finer, sweep=not alone)
         if EXCHANGE in asked:
             rates = ticks.measure(progress)
     write_json(arguments.json, pages.document(results, rates))

@@ -29,11 +29,12 @@ RATE = 50  # 1/s, instants at which speeds are compared; every step is a part of
 
 
 class Shown(NamedTuple):
-    """What pages say of a case."""
+    """What pages say of a case, and how fine its references are."""
 
     name: str  # on the axis of the picture
     text: str
     event: str
+    finer: int = 8  # times finer than the finest step is a program's own reference
 
 
 def fault_at(bus: str) -> str:

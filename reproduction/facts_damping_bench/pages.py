@@ -14,7 +14,6 @@ from facts_damping_bench import grid
 from facts_damping_bench.figures import EQUAL_ERROR, at_equal_error, ratio
 from facts_damping_bench.grid import SHOWN
 from facts_damping_bench.programs import OURS
-from facts_damping_bench.study import FINER
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -32,7 +31,7 @@ def case(shown: Shown) -> str:
     """What is run, and what an error is."""
     return (
         f"{grid.DURATION:g} s of {shown.text}, {shown.event}, one core. error: of a swing over the largest swing, "
-        f"against the same program with a step {FINER} times finer than its finest here."
+        f"against the same program with a step {shown.finer} times finer than its finest here."
     )
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from facts_damping import __version__
 from facts_damping.errors import RunError
 from facts_damping_bench.figures import Result, Sweep, difference, rung, sweep_step
+from facts_damping_bench.grid import SHOWN
 from facts_damping_bench.programs import OURS, PROGRAMS, Program, missing
 from facts_damping_bench.session import Session, session
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 T = TypeVar("T")
-FINER = 8  # times finer than the finest step is a program's own reference
 REPEATS = 5
 VARIED = {OURS: 100}  # runs of a sweep
 OTHERS = 5
@@ -62,6 +62,7 @@ def measure(
     repeats: int = REPEATS,
     table: Mapping[str, Program] = PROGRAMS,
     *,
+    finer: int = SHOWN.finer,
     sweep: bool = True,
 ) -> list[Result]:
     """Ladders of steps, sweeps, and the difference from ours, of these programs; ours is always there, and first."""
@@ -81,18 +82,18 @@ def measure(
     with ExitStack() as stack:
         for name in there:
             field.sessions[name] = stack.enter_context(session(table[name].module))
-        _measure(field, repeats, rungs)
+        _measure(field, repeats, rungs, finer)
         if sweep:
             _sweep(field)
     return [field.results[name] for name in wanted]
 
 
-def _measure(field: Field, repeats: int, rungs: int) -> None:
+def _measure(field: Field, repeats: int, rungs: int, finer: int) -> None:
     """From programs that are starting to their ladders."""
     each(field, lambda _name, program, _row: program.read())
     each(field, lambda _name, program, row: program.ask(row.steps[0]))  # warm: not counted
-    fine = each(field, lambda _name, program, row: program.ask(row.steps[-1] / FINER)["swings"])
-    _compare(field, fine)
+    fine = each(field, lambda _name, program, row: program.ask(row.steps[-1] / finer)["swings"])
+    _compare(field, fine, field.table[OURS].steps[-1] / finer)
     runs: dict[tuple[str, float], list[dict[str, Any]]] = {}
     for _ in range(repeats):
         for i in range(rungs):
@@ -103,12 +104,11 @@ def _measure(field: Field, repeats: int, rungs: int) -> None:
     for name in list(field.sessions):
         steps = field.table[name].steps
         ladder = tuple(rung(step, fine[name], runs[name, step]) for step in steps)
-        note(field, name, rungs=ladder, reference_step_s=steps[-1] / FINER)
+        note(field, name, rungs=ladder, reference_step_s=steps[-1] / finer)
 
 
-def _compare(field: Field, fine: Mapping[str, Any]) -> None:
-    """The fine run of each beside ours with the machine's equations that it has."""
-    step = field.table[OURS].steps[-1] / FINER
+def _compare(field: Field, fine: Mapping[str, Any], step: float) -> None:
+    """The fine run of each beside ours, of `step` s, with the machine's equations that it has."""
     for name, swings in fine.items():
         row = field.table[name]
         if name != OURS:
