@@ -121,7 +121,7 @@ WECC = {
         "ANDES",
         f"{ROOM}.wecc_andes",
         PROGRAMS["andes"].distributions,
-        STEPS[1:],
+        STEPS[1:3],
         "",
         (),
         "the files without IEEEST, whose numerator it drops; trapezoidal rule, its steps of 0.1 ms after events, "

@@ -16,5 +16,5 @@ SHOWN = Shown(
     "WECC-240",
     "WECC-240 (243 buses; 103 machines, 103 exciters, 103 governors, 37 inverters; no stabilisers)",
     f"loss of {UNIT} (2.4 GW) at {FAULT_START:g} s",
-    finer=2,
+    finer=4,
 )

@@ -28,12 +28,13 @@ STABILISER = re.compile(r"^[^\n]*'IEEEST'[^/]*/", re.MULTILINE)  # a record of t
 
 
 class Prepared(NamedTuple):
-    """The DYR without stabilisers; of the RAW voltages by bus and powers of loads (p.u.), and the unit's place."""
+    """The DYR without stabilisers; of the RAW voltages by bus, powers of loads (p.u.), and which units stay."""
 
     dyr: str
     held: dict[int, float]
     drawn: np.ndarray[Any, np.dtype[np.complex128]]
     tripped: int  # of the generators of the RAW, from 1 on
+    staying: list[int]  # the others in service
 
 
 def prepare(grid: Grid, folder: Path) -> Prepared:  # noqa: ARG001 (what every program's module takes)
@@ -50,7 +51,9 @@ def prepare(grid: Grid, folder: Path) -> Prepared:  # noqa: ARG001 (what every p
     drawn = P + IP * at + YP * at * at + 1j * (Q + IQ * at - YQ * at * at)
     units = [f"G{int(row['I'])}_{str(row['ID']).strip()}" for row in tables["generator"]]
     held = {int(row["I"]): float(row["VM"]) for row in tables["bus"]}
-    return Prepared(str(path), held, drawn, units.index(UNIT) + 1)
+    tripped = units.index(UNIT) + 1
+    at_work = [i for i, row in enumerate(tables["generator"], 1) if int(row["STAT"]) == 1 and i != tripped]
+    return Prepared(str(path), held, drawn, tripped, at_work)
 
 
 def run(prepared: Prepared, grid: Grid, step: float, **_twin: Any) -> TimedRun:  # noqa: ARG001
@@ -66,7 +69,7 @@ def run(prepared: Prepared, grid: Grid, step: float, **_twin: Any) -> TimedRun: 
     if not ss.PFlow.run():
         raise RuntimeError("the power flow does not converge")
     # Ours come in the order of the RAW, which numbers its generators.
-    order = sorted((i for i, number in enumerate(numbers) if number != prepared.tripped), key=lambda i: numbers[i])
+    order = [numbers.index(number) for number in prepared.staying if number in numbers]
     return simulated(ss, step, began, order)
 
 
