@@ -4,7 +4,7 @@ The C library, behind `math`, has other functions for processors that multiply a
 in compiled code on every processor, and in Python (`sin.py_func`). They are as exact and about as fast.
 """
 
-from facts_damping.elementary.angle import atan2, divided, exp_complex, hypot, magnitude, phase, rect
+from facts_damping.elementary.angle import atan2, exp_complex, hypot, magnitude, phase, rect
 from facts_damping.elementary.circular import cos, sin, sin_cos, tan
 from facts_damping.elementary.exponential import exp, expm1, tanh
 from facts_damping.elementary.logarithm import log, log1p, power
@@ -12,7 +12,6 @@ from facts_damping.elementary.logarithm import log, log1p, power
 __all__ = [
     "atan2",
     "cos",
-    "divided",
     "exp",
     "exp_complex",
     "expm1",

@@ -103,12 +103,6 @@ def magnitude(z: complex) -> float:
 
 
 @compiled
-def divided(z: complex, by: float) -> complex:
-    """A complex number divided by a real one; compiled code would divide by a complex one, in twice the time."""
-    return complex(z.real / by, z.imag / by)
-
-
-@compiled
 def phase(z: complex) -> float:
     """Angle of a complex number, rad, -pi to pi; within 0.55 ulp."""
     return atan2(z.imag, z.real)  # type: ignore[no-any-return]

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
-from facts_damping.elementary import divided, magnitude, power, sin_cos
+from facts_damping.elementary import magnitude, power, sin_cos
+from facts_damping.elementary.arithmetic import divided
 from facts_damping.plant.converters import dispatch
 from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.grid import load
@@ -58,10 +59,9 @@ def set_machines(plant: Plant, x: Float1, interval: int, work: Work) -> None:
         for i in range(m.circuits):
             emf_q += m.C[0, i] * x[o + 2 + i]
             emf_d += m.C[1, i] * x[o + 2 + i]
-        delta = x[o]
         speed = 1.0 + m.speed * x[o + 1]
         work.emf[g] = complex(speed * emf_d, speed * emf_q)
-        sine, cosine = sin_cos(delta)
+        sine, cosine = sin_cos(x[o])
         work.rotation[g] = complex(sine, -cosine)
         work.inputs[g] = m.admittance * work.emf[g] * work.rotation[g] * plant.online[interval, g]
     for i in range(plant.infinite.size):

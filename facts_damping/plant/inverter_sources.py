@@ -6,7 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
-from facts_damping.elementary import divided, magnitude, sin_cos
+from facts_damping.elementary import magnitude, sin_cos
+from facts_damping.elementary.arithmetic import divided
 from facts_damping.plant.inverters import inverter
 from facts_damping.plant.machines import blocks
 

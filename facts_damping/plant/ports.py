@@ -12,7 +12,8 @@ import math
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1, Float2
-from facts_damping.elementary import divided, magnitude
+from facts_damping.elementary import magnitude
+from facts_damping.elementary.arithmetic import divided
 from facts_damping.numerics.matrices import eliminate
 from facts_damping.plant.converters.site import DEVICE, INVERTER, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.grid.sparse_network import solve_voltages

@@ -1,8 +1,7 @@
 """Where the ports' sources of a large grid are next: the start of each solution of the network; compiled.
 
-A source moves along u(t) = s(x(t)). Halfway through a step of h the Runge-Kutta method solves the network twice, before
-and beyond the path by as much: u -+ h^2 / 8 s' x''. This `SPREAD` changes little from step to step, as the rate and the
-bend of u do.
+A source moves along u(t) = s(x(t)). Halfway through a step of h the network is solved twice, before and beyond the
+path: u -+ h^2 / 8 s' x''. This `SPREAD` changes little from step to step, as do the rate and the bend of u.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
-from facts_damping.elementary import divided
+from facts_damping.elementary.arithmetic import divided
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Complex1, Complex2

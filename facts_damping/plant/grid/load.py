@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.elementary import atan2, divided, magnitude
+from facts_damping.elementary import atan2, magnitude
+from facts_damping.elementary.arithmetic import divided
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
