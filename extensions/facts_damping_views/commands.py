@@ -21,6 +21,7 @@ from facts_damping.output.terminal import Progress, note, put
 from facts_damping.output.writing import write_whole
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.recording.bagfile import SUFFIXES
 from facts_damping.simulation import loop
 from facts_damping.simulation.replaying.replay import check_has_run
 from facts_damping_views.cockpit import controls
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
 REPEATED_S = 600.0  # simulated time after which random numbers repeat in a run without end
 ENDS = "Ctrl-C ends it"
-RECORDINGS = (".mcap", ".db3")  # suffixes of a recording's files
 DURATION = re.compile(r"\s*duration\s*=")
 EVENT = re.compile(rf"^{controls.EVENT} (.*)$", re.MULTILINE)
 
@@ -59,7 +59,7 @@ def cockpit(arguments: argparse.Namespace) -> None:
 def _is_recording(what: str | None) -> bool:
     """Whether a command line names a recording, not a run."""
     path = Path(what or "")
-    return what is not None and (path.is_dir() or path.suffix in RECORDINGS)
+    return what is not None and (path.is_dir() or path.suffix in SUFFIXES)
 
 
 class SimulatedTime(Progress):

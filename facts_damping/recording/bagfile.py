@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 VERSION = 9
+SQLITE = ".db3"
+SUFFIXES = (".mcap", SQLITE)  # of a recording's files
 FILE_NAME = "metadata.yaml"
 INFORMATION, CUSTOM, DIGEST = "rosbag2_bagfile_information", "custom_data", "digest"  # keys in metadata.yaml
 

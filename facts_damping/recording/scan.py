@@ -23,7 +23,7 @@ from rosbags.rosbag2 import Reader
 from facts_damping.errors import InputError, RecordingError, one_line
 from facts_damping.input_files import RECORDING, is_file, read_bytes, read_text
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.recording.bagfile import CUSTOM, DIGEST, FILE_NAME, INFORMATION, TopicInfo
+from facts_damping.recording.bagfile import CUSTOM, DIGEST, FILE_NAME, INFORMATION, SQLITE, SUFFIXES, TopicInfo
 from facts_damping.recording.chunks import UnpackLimit, check_counts, unpack
 from facts_damping.recording.schemas import schema_text
 from facts_damping.recording.writer import CONFIGURATION, LOST, PUBLISHERS, VERSIONS
@@ -31,7 +31,6 @@ from facts_damping.recording.writer import CONFIGURATION, LOST, PUBLISHERS, VERS
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-SQLITE = ".db3"
 GIVEN = f"a recording's folder, or an .mcap or {SQLITE} file"
 
 
@@ -100,7 +99,7 @@ def _bag_files(path: Path, about: dict[str, Any]) -> list[Path]:
         if is_file(path, GIVEN):
             return [path]
         raise RecordingError(f"{path} does not exist; allowed: {GIVEN}")
-    bag_files = [file for file in path.iterdir() if file.suffix in (".mcap", SQLITE) and is_file(file)]
+    bag_files = [file for file in path.iterdir() if file.suffix in SUFFIXES and is_file(file)]
     files = sorted(bag_files, key=lambda file: [int(n) for n in re.findall(r"\d+", file.stem)][-1:])
     if not files:
         packed = ", ".join(sorted(file.name for file in path.glob("*.zstd")))
