@@ -114,6 +114,7 @@ def browser(folder: Path, command: list[str], sets: tuple[str, ...]) -> Iterator
             killer.start()
             rest, _ = run.communicate()
             killer.cancel()
+            print(rest)  # shown if the test fails
         page_of_run.status, page_of_run.output = run.returncode, rest
 
 
@@ -138,7 +139,7 @@ def test_delay_makes_the_swing_grow_until_the_supervisor_trips(domain: int, tmp_
             assert page.page.evaluate("document.documentElement.scrollWidth") <= width
         page.page.set_viewport_size({"width": 1440, "height": 900})
         page.until(f"status.states['{NODE}'] === 'armed'")
-        for delay in (0, 300):
+        for delay in (0, 270):  # 263 ms is the margin; with 300 ms, synchronism is lost before the end
             page.press("link/wan_link/delay", "Tab", "Control+a", *str(delay), "Enter")
             page.press("grid/fault", "Tab", "Tab", "Enter")
             page.passes(4.0)
@@ -153,7 +154,7 @@ def test_delay_makes_the_swing_grow_until_the_supervisor_trips(domain: int, tmp_
         page.page.wait_for_selector(".branch.out", state="attached", timeout=PATIENCE_MS)
         log = page.page.locator("[data-part='log']").inner_text()
         assert "tripped" in log
-        assert log.count("added delay 300 ms") == 1
+        assert log.count("added delay 270 ms") == 1
         assert "added delay 400 ms, cut" not in log
         assert "wan_link: cut, added delay 400 ms" in log
         page.press(f"supervisor/{NODE}/reset", "Enter")
@@ -169,7 +170,7 @@ def test_delay_makes_the_swing_grow_until_the_supervisor_trips(domain: int, tmp_
     assert 0.0 < 2.0 * swings[0] < swings[1]
     record = load(tmp_path / "recording")
     delays = [change.value["up"][-1].get("delay") for change in record.changes if change.kind == "link"]
-    assert delays[-4:] == [0.3, 0.4, None, 0.4]
+    assert delays[-4:] == [0.27, 0.4, None, 0.4]
     assert STATES.index("tripped") in record.supervision["state"]
     assert sum(event.kind == "fault" for event in record.events) == 2
 
