@@ -98,16 +98,16 @@ class PlantSim:
         """Write a progress line, if not `now` only when it is due."""
         self.source.progress(self.plant.tick + 1, self.misses, now)
 
-    def wait_paced(self, tick: int, wall_end: float) -> None:
-        """Take messages until the end of the tick in wall time; count a deadline miss if setpoints have not come.
+    def awaited(self, tick: int) -> bool:
+        """Whether setpoints of a tick have not come; in a free graph, of links that answered within the last second."""
+        oldest = max(0, tick - self.case.run.frame_rate) if self.options.free else 0
+        return any(oldest <= newest < tick for newest in self.source.answered.values())
 
-        In a free graph, only links that have answered within the last second count.
-        """
-        while (left := wall_end - clock.monotonic()) > 0:
+    def take_until(self, wall: float, tick: int | None = None) -> None:
+        """Take messages until a wall time, if a tick is given only until its setpoints have come."""
+        while (left := wall - clock.monotonic()) > 0 and (tick is None or self.awaited(tick)):
             self.spinner.spin_once(left)
         self.spinner.take_all()
-        oldest = max(0, tick - self.case.run.frame_rate) if self.options.free else 0
-        self.misses += any(oldest <= newest < tick for newest in self.source.answered.values())
 
     def run(self) -> None:
         """Run to the end, until stopped, or until a node is silent; publish which of these as the run's state."""
@@ -122,6 +122,8 @@ class PlantSim:
             if held := self.control.hold(k, self.spinner):
                 wall_start += held
                 plant.excuse(held)
+            if self.options.paced and k > 0:
+                self.take_until(wall_start + plant.start(k) * 1e-9)
             if k == 0:
                 stamps.begin(clock.time_ns() if self.stamp == "wall" else 0)
                 self.source.publish_state(RunState.RUNNING, 0, "begins")
@@ -133,8 +135,9 @@ class PlantSim:
                 self.source.wait_for_answers(self.spinner, k, "no setpoints of")
             if k == 0:
                 wall_start = clock.monotonic()  # pacing starts when all nodes have answered once
-            if self.options.paced:
-                self.wait_paced(k, wall_start + plant.start(k + 1) * 1e-9)
+            if self.options.paced:  # the plant advances early, so that a late answer does not make the next frames late
+                self.take_until(wall_start + plant.start(k + 1) * 1e-9, None if self.options.free else k)
+                self.misses += self.awaited(k)
             self.progress(now=k + 1 == self.source.ticks or not plant.sound)
             if not plant.sound:
                 break
