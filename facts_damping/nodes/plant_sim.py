@@ -56,10 +56,9 @@ class PlantSim:
 
     def publish(self, tick: int) -> None:
         """Publish the measurements, truth, clock and events of a tick."""
-        plant = self.plant
-        self.source.publish(tick, plant.entries(), plant.sound, plant.machines, plant.devices)
-        self.clock.publish(plant.start(tick))
-        for event in plant.due():
+        self.source.publish(tick, self.plant.entries(), self.plant.sound, self.plant.machines, self.plant.devices)
+        self.clock.publish(self.plant.start(tick))
+        for event in self.plant.due():
             self.source.to_events.publish(grid_event(event))
 
     def change_measurement(self, name: str, value: float) -> None:
@@ -81,8 +80,7 @@ class PlantSim:
 
     def log_released(self) -> None:
         """Log devices that were released or take setpoints again."""
-        now = self.plant.released()
-        if now == self.released:
+        if (now := self.plant.released()) == self.released:
             return
         watchdog, log = self.case.run.watchdog, self.member.message_filter.log
         at = self.plant.start(self.plant.tick) / NANOSECONDS
@@ -141,9 +139,8 @@ class PlantSim:
             self.progress(now=k + 1 == self.source.ticks or not plant.sound)
             if not plant.sound:
                 break
-            plant.advance([rows for batches in self.waiting.values() for rows in batches])
-            for batches in self.waiting.values():
-                batches.clear()
+            waiting, self.waiting = self.waiting, {link: [] for link in self.waiting}
+            plant.advance([rows for batches in waiting.values() for rows in batches])
             self.log_released()
             for device, release in plant.late() if self.options.paced else ():
                 self.member.change("release", device, act=release)
