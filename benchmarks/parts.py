@@ -24,7 +24,7 @@ OURS = ("anon", "unknown", "perf-")  # where compiled functions are, in the word
 
 
 def loop(run: str, addresses: Path) -> None:
-    """Run a loop, compiled before, and write where its functions are."""
+    """Run a loop several times, and write where its compiled functions are."""
     case = load_case(run)
     for _ in range(TIMES):
         run_loop(build_loop(case))

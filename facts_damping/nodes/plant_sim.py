@@ -120,11 +120,11 @@ class PlantSim:
             if held := self.control.hold(k, self.spinner):
                 wall_start += held
                 plant.excuse(held)
-            if self.options.paced and k > 0:
-                self.take_until(wall_start + plant.start(k) * 1e-9)
             if k == 0:
                 stamps.begin(clock.time_ns() if self.stamp == "wall" else 0)
                 self.source.publish_state(RunState.RUNNING, 0, "begins")
+            elif self.options.paced:
+                self.take_until(wall_start + plant.start(k) * 1e-9)
             self.member.begin(k)
             plant.measure(k)
             self.publish(k)
