@@ -30,7 +30,7 @@ from facts_damping.plant.model import Plant, PlantState, workspace
 from facts_damping.plant.rotating import machines_at_rest
 from facts_damping.plant.tables import Ports, States
 from facts_damping.plant.watchdog import initial_watch, line
-from facts_damping.signals import to_ns
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -84,7 +84,7 @@ def build(
     large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
-        step_ns=to_ns(system.step),
+        step_ns=math.ceil(system.step * NANOSECONDS - 1e-3),
         machines=rotating.rows,
         exciters=rotating.exciters,
         stabilisers=rotating.stabilisers,

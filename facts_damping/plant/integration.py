@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.plant.converters.first_order_lag import first_order_lag
-from facts_damping.plant.dynamics import derivatives, set_machines, solve_network
+from facts_damping.plant.dynamics import derivatives, set_machines
 from facts_damping.plant.forced_oscillations import begin_oscillations, move_oscillations
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.measurement import write_phasors
@@ -34,7 +34,7 @@ def _slopes(plant: Plant, state: PlantState, ramp: Float1, interval: int, elapse
 
     `derivatives` is called at one place only, so that the compiler inlines it: a call would copy the plant's arrays.
     """
-    x, k, trial, reference, large = state.x, work.slopes, work.trial, work.reference, len(plant.sparse_networks) > 0
+    x, k, trial, reference = state.x, work.slopes, work.trial, work.reference
     for part in range(4):
         if part == 0:
             for i in range(x.size):
@@ -48,11 +48,9 @@ def _slopes(plant: Plant, state: PlantState, ramp: Float1, interval: int, elapse
             for i in range(x.size):
                 trial[i] = x[i] + fraction * k[part - 1, i]
             _move_inputs(plant, state, ramp, elapsed, fraction, work)
-        if large:
-            predict(part, h, state.source, state.source_motion, work.source_path)
+        predict(part, h, state.source, state.source_motion, work.source_path)
         derivatives(plant, trial, reference, state.source, interval, k[part], work)
-    if large:
-        keep_motion(h, state.source, state.source_motion, work.source_path)
+    keep_motion(h, state.source, state.source_motion, work.source_path)
 
 
 @compiled
@@ -87,16 +85,11 @@ def _take_sample(
     for i in range(x.size):
         work.trial[i] = x[i] + h * (first * k[0, i] + middle * (k[1, i] + k[2, i]) + last * k[3, i])
     _move_inputs(plant, state, ramp, elapsed, seconds, work)
-    if len(plant.sparse_networks) > 0:
-        for p in range(work.source.size):
-            work.source[p] = state.source[p] + moved(state.source_motion, p, seconds - h)
-        set_machines(plant, work.trial, interval, work)
-        set_sources(plant, work.source, work)
-        respond(plant, interval, work)
-        return
     for p in range(work.source.size):
-        work.source[p] = state.source[p]
-    solve_network(plant, work.trial, work.reference, work.source, interval, work)
+        work.source[p] = state.source[p] + moved(state.source_motion, p, seconds - h)
+    set_machines(plant, work.trial, interval, work)
+    set_sources(plant, work.source, work)
+    respond(plant, interval, work)
 
 
 @compiled
@@ -226,10 +219,7 @@ def advance(
         interval = begin_interval(plant, state, now)
         end = _let_go(plant, state, end_ns, now)
         end = arrive(state.under_way, state.waiting, state.target, end, now)
-        if len(plant.sparse_networks) > 0:
-            following, end = _queue(plant, state, setpoints, following, count, end)
-        elif following < count:
-            end = min(end, setpoints[following].effective_ns)
+        following, end = _queue(plant, state, setpoints, following, count, end)
         if interval + 1 < plant.interval_start_ns.size:
             end = min(end, plant.interval_start_ns[interval + 1])
         end = begin_noise(plant, work, now, _ramp(plant, state, ramp, end, now))

@@ -108,16 +108,6 @@ def write_phasors(plant: Plant, interval: int, work: Work, phasors: Complex2) ->
         phasors[s, 1] = row_times(plant, interval, first + pmus + s, work.inputs, work)
 
 
-@entry_point
-def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
-    """Write voltage and current of each PMU at an instant into `work.phasors`."""
-    interval = begin_interval(plant, state, time_ns)
-    begin_noise(plant, work, time_ns, time_ns)
-    begin_oscillations(plant, work, time_ns, time_ns)
-    solve_network(plant, state.x, state.reference, state.source, interval, work)
-    write_phasors(plant, interval, work, work.phasors)
-
-
 @compiled
 def _a_moment_later(plant: Plant, state: PlantState, interval: int, work: Work) -> float:
     """Solve the network a moment later on the plant's trajectory, with held references; into `work`, not the state.

@@ -30,7 +30,7 @@ MANY = 4  # ports, from which on it pays to solve port by port
 # Starts of Newton's method, in their order (`solve_ports`); then there are no more.
 LAST_SOLUTION, NO_SOURCES, LOADS_LOW, BLOCKED, BLOCKED_LOADS_LOW, NO_MORE = range(6)
 NEAR = 1e-3  # p.u., of an inverter's source; further away it is solved in closed form
-LAST_CHANGE = 1e-9  # relative; the remaining error is of the order of its square
+LAST_CHANGE = 1e-5  # relative, of Newton's method; the remaining error is of the order of its square
 
 
 @compiled
@@ -132,6 +132,10 @@ def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, interv
                 work.step[i] = work.matrix[i, work.step.size]
             for p in range(source.size):
                 source[p] += complex(work.step[2 * p], work.step[2 * p + 1])
+            if total <= LAST_CHANGE * LAST_CHANGE:
+                for p in range(source.size):
+                    _write_response(plant, interval, p, source, work)
+                return True
         else:
             fraction *= 0.5
             for p in range(source.size):
@@ -207,7 +211,7 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
             solved = solved and right
             total += square
             source[p] += step
-        if solved or (large and before < math.inf and total * total <= tolerance * tolerance * before):
+        if solved or (before < math.inf and total * total <= tolerance * tolerance * before):
             return True
         if not total < falls * before:
             return False

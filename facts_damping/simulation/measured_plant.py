@@ -10,14 +10,13 @@ from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Float2, Int1, Struct
 from facts_damping.measurement.pmu_model import Pmus, PmuState, report, take_sample
 from facts_damping.plant.integration import advance
-from facts_damping.plant.measurement import measure, sample
+from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import Plant, PlantState, Work, workspace
-from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER, DeviceTruths, MachineTruths, Setpoints, start_of
+from facts_damping.signals import DELIVERY, NEVER, DeviceTruths, MachineTruths, Setpoints, start_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-LONG = 1.5  # samples
 tick_ns = compiled(start_of)  # of ticks of this run; those of foreign messages may be too large for machine code
 
 
@@ -50,10 +49,8 @@ def measure_with_pmus(
 
 
 def with_pmus(plant: Plant, state: PlantState, pmus: Pmus, pmu_state: PmuState) -> MeasuredPlant:
-    """A plant with its PMUs; of one whose steps are longer than `LONG` samples these lie within its steps."""
-    within = plant.step_ns * pmus.per_frame * pmus.frame_rate > LONG * NANOSECONDS
-    work = workspace(plant, state, pmus.per_frame - 1 if within else 0)
-    return MeasuredPlant(plant, state, work, pmus, pmu_state)
+    """A plant with its PMUs."""
+    return MeasuredPlant(plant, state, workspace(plant, state, pmus.per_frame - 1), pmus, pmu_state)
 
 
 def entries(
@@ -70,25 +67,9 @@ def entries(
 
 @entry_point
 def advance_with_pmus(measured: MeasuredPlant, tick: int, setpoints: Setpoints, count: int) -> None:
-    """Advance the plant to the next tick under `count` setpoints ordered by time, while PMUs take samples.
-
-    A step ends at each sample, unless steps are so long that samples lie within them (`with_pmus`).
-    """
-    plant, plant_state, pmus, work = measured.plant, measured.plant_state, measured.pmus, measured.work
-    now, first = tick_ns(tick, pmus.frame_rate), 0
-    if work.samples.shape[0] > 0:
-        advance(plant, plant_state, now, tick_ns(tick + 1, pmus.frame_rate), setpoints, count, work)
-        for i in range(work.samples.shape[0]):
-            take_sample(measured.pmu_state, work.samples[i])
-        return
-    samples = pmus.per_frame * pmus.frame_rate
-    for i in range(1, pmus.per_frame + 1):
-        end = tick_ns(tick * pmus.per_frame + i, samples)
-        last = first
-        while last < count and (setpoints[last].effective_ns < end or i == pmus.per_frame):
-            last += 1
-        advance(plant, plant_state, now, end, setpoints[first:last], last - first, work)
-        if i < pmus.per_frame:
-            sample(plant, plant_state, end, work)
-            take_sample(measured.pmu_state, work.phasors)
-        now, first = end, last
+    """Advance the plant to the next tick under `count` setpoints ordered by time, while PMUs take samples."""
+    work, end_ns = measured.work, tick_ns(tick + 1, measured.pmus.frame_rate)
+    start_ns = tick_ns(tick, measured.pmus.frame_rate)
+    advance(measured.plant, measured.plant_state, start_ns, end_ns, setpoints, count, work)
+    for i in range(work.samples.shape[0]):
+        take_sample(measured.pmu_state, work.samples[i])
