@@ -74,10 +74,9 @@ def _move_inputs(plant: Plant, state: PlantState, ramp: Float1, elapsed: float, 
 def _take_sample(
     plant: Plant, state: PlantState, ramp: Float1, interval: int, elapsed: float, h: float, seconds: float, work: Work
 ) -> None:
-    """Solve the network `seconds` after a step's begin, where states follow from its slopes by the method's own cubic.
+    """Write the network's inputs `seconds` after a step's begin: by the method's cubic, sources by their path.
 
     Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, 1993, II.6: of third order everywhere in a step.
-    Of a large grid the ports' sources are those of their path through the step, without a solution.
     """
     x, k, part = state.x, work.slopes, seconds / h
     square, cube = part * part, part * part * part / 1.5
@@ -208,9 +207,9 @@ def advance(
     """Advance the plant in place from `start_ns` to `end_ns` with `count` setpoints, sorted by time.
 
     Setpoints, ends of dead times, events, points of the loads' noise, kinks of forced oscillations and ends of
-    reference ramps split the interval exactly; each part has equal steps of at most `plant.step_ns`. The watchdog of
-    each device decides which setpoints act, and when the device is released. Of a large grid a setpoint that first has
-    a dead time splits nothing. `work.samples`: the PMUs' phasors at instants that divide the whole evenly, in steps.
+    reference ramps split the interval exactly; each part has equal steps of at most `plant.step_ns`. A setpoint that
+    first has a dead time splits nothing. The watchdog of each device decides which setpoints act, and when the device
+    is released. `work.samples`: the PMUs' phasors at instants that divide the whole evenly, in steps.
     """
     now, following, ramp, written, samples = start_ns, 0, work.ramp, 0, work.samples.shape[0]
     due = _instant(start_ns, end_ns, 1, samples + 1)

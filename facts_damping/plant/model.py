@@ -79,7 +79,7 @@ class PlantState(Struct):
     """State of a plant: `x` in the kernels' order, and the reference of each device and its target, p.u.
 
     `watch`: state of the watchdogs; `under_way`: setpoints in their dead times. `source`: the last solution of the
-    ports' sources (p.u.), from which the next one starts; of a large grid `source_motion`, as `prediction` has it.
+    ports' sources (p.u.), from which the next one starts; `source_motion`: as `prediction` has it.
     """
 
     x: Float1

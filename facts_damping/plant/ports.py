@@ -113,7 +113,8 @@ def _newton_matrix(plant: Plant, interval: int, work: Work) -> None:
 def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, interval: int, work: Work) -> bool:
     """Newton's method from `source`, into `source` and `work.response`; returns whether it converged.
 
-    A step that does not reduce the sum of squares is halved: limits cause kinks at which full steps may oscillate.
+    A step that does not reduce the sum of squares is halved: limits cause kinks at which full steps may oscillate. One
+    from a mismatch below `LAST_CHANGE` is the last, without another look.
     """
     alone = source.size >= MANY or plant.inverters.size > 0
     if alone and _port_by_port(plant, x, reference, source, interval, work):
@@ -184,8 +185,8 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
 
     A port is coupled most to itself, so that a round reduces the error some tenfold; it costs little more than the
     mismatch. It is given up where a port has no step, or when the mismatch no longer falls to half; of a large grid
-    with inverters, which are more coupled, when it no longer falls. Of a large grid the mismatch after the last step is
-    expected to fall once more as it fell before. Inverters that are not `NEAR` are solved in closed form, and blocked
+    with inverters, which are more coupled, when it no longer falls. The mismatch after the last step is expected to
+    fall once more as it fell before. Inverters that are not `NEAR` are solved in closed form, and blocked
     if they cannot be.
     """
     before, large = math.inf, len(plant.sparse_networks) > 0

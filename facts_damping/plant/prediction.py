@@ -1,4 +1,4 @@
-"""Where the ports' sources of a large grid are next: the start of each solution of the network; compiled.
+"""Where the ports' sources are next: the start of each solution of the network; compiled.
 
 A source moves along u(t) = s(x(t)). Halfway through a step of h the network is solved twice, before and beyond the
 path: u -+ h^2 / 8 s' x''. This `SPREAD` changes little from step to step, as do the rate and the bend of u.
