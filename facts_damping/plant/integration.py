@@ -15,7 +15,7 @@ from facts_damping.plant.forced_oscillations import begin_oscillations, move_osc
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.measurement import write_phasors
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
-from facts_damping.plant.network_response import respond, set_sources
+from facts_damping.plant.network_response import respond, set_sources, several_solutions
 from facts_damping.plant.prediction import keep_motion, moved, predict
 from facts_damping.plant.watchdog import accepts, arrive, due_ns, release, send
 from facts_damping.signals import NOT_YET, Setpoints
@@ -35,6 +35,7 @@ def _slopes(plant: Plant, state: PlantState, ramp: Float1, interval: int, elapse
     `derivatives` is called at one place only, so that the compiler inlines it: a call would copy the plant's arrays.
     """
     x, k, trial, reference = state.x, work.slopes, work.trial, work.reference
+    ahead = not several_solutions(plant)
     for part in range(4):
         if part == 0:
             for i in range(x.size):
@@ -48,7 +49,7 @@ def _slopes(plant: Plant, state: PlantState, ramp: Float1, interval: int, elapse
             for i in range(x.size):
                 trial[i] = x[i] + fraction * k[part - 1, i]
             _move_inputs(plant, state, ramp, elapsed, fraction, work)
-        predict(part, h, state.source, state.source_motion, work.source_path)
+        predict(part, h, ahead, state.source, state.source_motion, work.source_path)
         derivatives(plant, trial, reference, state.source, interval, k[part], work)
     keep_motion(h, state.source, state.source_motion, work.source_path)
 

@@ -20,6 +20,12 @@ def respond(plant: Plant, interval: int, work: Work) -> None:
 
 
 @compiled
+def several_solutions(plant: Plant) -> bool:
+    """Whether the last solution decides on the next one, to the bit: inverters in a small, weak grid."""
+    return plant.inverters.size > 0 and len(plant.sparse_networks) == 0
+
+
+@compiled
 def row_times(plant: Plant, interval: int, row: int, inputs: Complex1, work: Work) -> complex:
     """One row of the network times its inputs, p.u."""
     if len(plant.sparse_networks) > 0:

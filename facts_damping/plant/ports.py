@@ -20,7 +20,7 @@ from facts_damping.plant.grid.sparse_network import solve_voltages
 from facts_damping.plant.inverter_sources import settled
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.model import Plant, Work
-from facts_damping.plant.network_response import own_response, respond, row_times, set_sources
+from facts_damping.plant.network_response import own_response, respond, row_times, set_sources, several_solutions
 
 TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
 LARGE_TOLERANCE = 1e-7  # the same of a large grid, far below the error of a step
@@ -114,12 +114,12 @@ def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, interv
     """Newton's method from `source`, into `source` and `work.response`; returns whether it converged.
 
     A step that does not reduce the sum of squares is halved: limits cause kinks at which full steps may oscillate. One
-    from a mismatch below `LAST_CHANGE` is the last, without another look.
+    from a mismatch below `LAST_CHANGE` is the last, unless there may be several solutions.
     """
     alone = source.size >= MANY or plant.inverters.size > 0
     if alone and _port_by_port(plant, x, reference, source, interval, work):
         return True
-    before, fraction = math.inf, 1.0
+    before, fraction, expects = math.inf, 1.0, not several_solutions(plant)
     for _ in range(MAX_ITERATIONS):
         total = _mismatch(plant, x, reference, source, interval, work)
         if total == 0.0:
@@ -133,7 +133,7 @@ def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, interv
                 work.step[i] = work.matrix[i, work.step.size]
             for p in range(source.size):
                 source[p] += complex(work.step[2 * p], work.step[2 * p + 1])
-            if total <= LAST_CHANGE * LAST_CHANGE:
+            if expects and total <= LAST_CHANGE * LAST_CHANGE:
                 for p in range(source.size):
                     _write_response(plant, interval, p, source, work)
                 return True
@@ -186,10 +186,10 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     A port is coupled most to itself, so that a round reduces the error some tenfold; it costs little more than the
     mismatch. It is given up where a port has no step, or when the mismatch no longer falls to half; of a large grid
     with inverters, which are more coupled, when it no longer falls. The mismatch after the last step is expected to
-    fall once more as it fell before. Inverters that are not `NEAR` are solved in closed form, and blocked
-    if they cannot be.
+    fall once more as it fell before, unless there may be several solutions. Inverters that are not `NEAR` are solved in
+    closed form, and blocked if they cannot be.
     """
-    before, large = math.inf, len(plant.sparse_networks) > 0
+    before, large, expects = math.inf, len(plant.sparse_networks) > 0, not several_solutions(plant)
     tolerance, falls = LARGE_TOLERANCE if large else TOLERANCE, 1.0 if large and plant.inverters.size > 0 else 0.25
     for _ in range(MAX_ITERATIONS):
         solved, total = True, 0.0
@@ -212,7 +212,7 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
             solved = solved and right
             total += square
             source[p] += step
-        if solved or (before < math.inf and total * total <= tolerance * tolerance * before):
+        if solved or (expects and before < math.inf and total * total <= tolerance * tolerance * before):
             return True
         if not total < falls * before:
             return False
