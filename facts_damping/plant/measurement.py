@@ -14,7 +14,7 @@ from facts_damping.plant.dynamics import derivatives, move_controls, solve_netwo
 from facts_damping.plant.forced_oscillations import begin_oscillations, move_oscillations
 from facts_damping.plant.inverters import inverter
 from facts_damping.plant.load_noise import begin_noise, move_noise
-from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
+from facts_damping.plant.model import Plant, PlantState, Work, begin_interval, interval_at
 from facts_damping.plant.network_response import row_times
 from facts_damping.signals import SPEED_BAND, DeviceTruths, MachineTruths
 
@@ -127,19 +127,11 @@ def _a_moment_later(plant: Plant, state: PlantState, interval: int, work: Work) 
 
 
 @entry_point
-def measure(
-    plant: Plant,
-    state: PlantState,
-    time_ns: int,
-    frame: Float2,
-    machines: MachineTruths,
-    devices: DeviceTruths,
-    work: Work,
+def observe(
+    plant: Plant, state: PlantState, time_ns: int, machines: MachineTruths, devices: DeviceTruths, work: Work
 ) -> bool:
-    """Measure the PMUs at an instant into `frame` (PMUs, channels) and `work.phasors`, and write true values.
+    """Write true values at an instant into MACHINE_TRUTH and DEVICE_TRUTH tables, and PMUs' phasors into `work`.
 
-    The frequency is the derivative of the voltage's angle, d theta / dt / (2 pi), along the plant's trajectory from
-    this instant; its rate of change is not computed (NaN). True values go into MACHINE_TRUTH and DEVICE_TRUTH tables.
     Returns whether the plant is sound: all states finite, network solved, all rotors in synchronism.
     """
     interval = begin_interval(plant, state, time_ns)
@@ -157,6 +149,26 @@ def measure(
     for d in range(plant.devices.size):
         _device(plant, state, d, devices[d], work)
     write_phasors(plant, interval, work, work.phasors)
+    return sound
+
+
+@entry_point
+def measure(
+    plant: Plant,
+    state: PlantState,
+    time_ns: int,
+    frame: Float2,
+    machines: MachineTruths,
+    devices: DeviceTruths,
+    work: Work,
+) -> bool:
+    """Measure the PMUs at an instant into `frame` (PMUs, channels) without errors, and `observe`.
+
+    The frequency is the derivative of the voltage's angle, d theta / dt / (2 pi), along the plant's trajectory from
+    this instant; its rate of change is not computed (NaN).
+    """
+    sound, x = observe(plant, state, time_ns, machines, devices, work), state.x
+    interval = interval_at(plant, time_ns)
     moment = _a_moment_later(plant, state, interval, work)
     first = plant.machines.size + plant.ports.size
     for s in range(plant.pmu_machine.size):

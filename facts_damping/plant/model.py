@@ -188,15 +188,22 @@ def fitted(state: PlantState, plant: Plant) -> PlantState:
 
 
 @compiled
+def interval_at(plant: Plant, time_ns: int) -> int:
+    """Index of the interval at a time; an event acts from its own instant on."""
+    interval = 0
+    while interval + 1 < len(plant.interval_start_ns) and plant.interval_start_ns[interval + 1] <= time_ns:
+        interval += 1
+    return interval
+
+
+@compiled
 def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
-    """Index of the interval at a time; an event acts from its own instant on.
+    """Index of the interval at a time.
 
     If the interval begins there, the last solution is no start for the new network, unless there are inverters: with
     them there may be several, of which that nearest to the last one counts.
     """
-    interval = 0
-    while interval + 1 < len(plant.interval_start_ns) and plant.interval_start_ns[interval + 1] <= time_ns:
-        interval += 1
+    interval = interval_at(plant, time_ns)
     if plant.interval_start_ns[interval] == time_ns and plant.inverters.size == 0:
         state.source[:] = 0.0
         state.source_motion[:] = 0.0

@@ -10,7 +10,7 @@ from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Float2, Int1, Struct
 from facts_damping.measurement.pmu_model import Pmus, PmuState, report, take_sample
 from facts_damping.plant.integration import advance
-from facts_damping.plant.measurement import measure
+from facts_damping.plant.measurement import measure, observe
 from facts_damping.plant.model import Plant, PlantState, Work, workspace
 from facts_damping.signals import DELIVERY, NEVER, DeviceTruths, MachineTruths, Setpoints, start_of
 
@@ -43,7 +43,10 @@ def measure_with_pmus(
     """Write the PMUs' frame (`pmu_model.report`) and the true values; returns whether the plant is sound."""
     pmus, work = measured.pmus, measured.work
     start_ns = tick_ns(tick, pmus.frame_rate)
-    sound = measure(measured.plant, measured.plant_state, start_ns, frame, machines, devices, work)
+    if pmus.filtered:  # a filter makes the frame from phasors alone
+        sound = observe(measured.plant, measured.plant_state, start_ns, machines, devices, work)
+    else:
+        sound = measure(measured.plant, measured.plant_state, start_ns, frame, machines, devices, work)
     report(pmus, measured.pmu_state, tick, work.phasors, frame, measured_ns, status)
     return sound  # type: ignore[no-any-return]
 
