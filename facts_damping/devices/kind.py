@@ -118,3 +118,4 @@ class DeviceKind(NamedTuple):
     model: type[DeviceModel] | None = None  # its fields
     shown: Shown = Shown()
     new: Mapping[str, float] | None = None  # in `design`: its fields, per reactance of its line; None: it has none
+    step: float = math.inf  # s, longest step of the integrator with it

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 class Statcom(Parallel):
     """A static synchronous compensator ([STATCOM](facts_devices.md)) at a bus; data on the system base.
 
-    Its setpoint is an offset of its voltage reference. With the default data the integration step must be at most 3.6
-    ms. One that is not installed does nothing.
+    Its setpoint is an offset of its voltage reference. With it, integration steps are at most 1/480 s: the poles of
+    the default data need at most 3.6 ms. One that is not installed does nothing.
     """
 
     kind: Literal["statcom"] = KIND
@@ -150,5 +150,15 @@ SHOWN = Shown(
     outline="M0,-1.3L1.3,0L0,1.3L-1.3,0Z",
 )
 ROW = DeviceKind(
-    TABLE, STATES, start, characteristic, derivatives, truth, None, consumed_power, model=Statcom, shown=SHOWN, new={}
+    TABLE,
+    STATES,
+    start,
+    characteristic,
+    derivatives,
+    truth,
+    consumed_power=consumed_power,
+    model=Statcom,
+    shown=SHOWN,
+    new={},
+    step=1 / 480,
 )

@@ -82,9 +82,10 @@ def build(
     intervals = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
     sources = [u.bus for of_sort in (system.machines, system.infinite_buses, system.inverters) for u in of_sort]
     large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
+    longest = [KINDS[device.kind].step for device in in_service(system, installed)]
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
-        step_ns=math.ceil(system.step * NANOSECONDS - 1e-3),
+        step_ns=math.ceil(min([system.step, *longest]) * NANOSECONDS - 1e-3),
         machines=rotating.rows,
         exciters=rotating.exciters,
         stabilisers=rotating.stabilisers,

@@ -55,18 +55,35 @@ def _slopes(plant: Plant, state: PlantState, ramp: Float1, interval: int, elapse
 
 
 @compiled
+def _reference_after(state: PlantState, ramp: Float1, d: int, seconds: float) -> float:
+    """Reference of device d after so many seconds, along its ramp up to its target, p.u."""
+    move = ramp[d] * seconds
+    arrived = abs(move) >= abs(state.target[d] - state.reference[d])
+    return state.target[d] if arrived else state.reference[d] + move  # type: ignore[no-any-return]
+
+
+@compiled
+def _lag_after(row: Any, state: PlantState, ramp: Float1, d: int, seconds: float) -> float:
+    """Output of device d's lag after so many seconds, p.u.: its reference moves along its ramp, then stands."""
+    moves = seconds
+    if ramp[d] != 0.0:
+        moves = min(seconds, (state.target[d] - state.reference[d]) / ramp[d])
+    z = first_order_lag(state.x[row.lag], state.reference[d], ramp[d], row.response_time, moves)
+    if moves < seconds:
+        z = first_order_lag(z, state.target[d], 0.0, row.response_time, seconds - moves)
+    return z
+
+
+@compiled
 def _move_inputs(plant: Plant, state: PlantState, ramp: Float1, elapsed: float, seconds: float, work: Work) -> None:
     """Write what acts on the plant `seconds` after a step's begin: references with their lags, noise, oscillations.
 
     The lags of references are solved in closed form, so they are exact even if much shorter than the step.
     """
     for d in range(work.reference.size):
-        work.reference[d] = state.reference[d] + seconds * ramp[d]
-        row = plant.devices[d]
-        if row.response_time > 0.0:
-            work.trial[row.lag] = first_order_lag(
-                state.x[row.lag], state.reference[d], ramp[d], row.response_time, seconds
-            )
+        work.reference[d] = _reference_after(state, ramp, d, seconds)
+        if plant.devices[d].response_time > 0.0:
+            work.trial[plant.devices[d].lag] = _lag_after(plant.devices[d], state, ramp, d, seconds)
     move_noise(plant, work, elapsed + seconds)
     move_oscillations(plant, work, elapsed + seconds)
 
@@ -97,15 +114,14 @@ def _finish(plant: Plant, state: PlantState, ramp: Float1, h: float, work: Work)
     """Move the states by the slopes of a step, and the references along their ramps."""
     x, k = state.x, work.slopes
     for d in range(ramp.size):
-        row = plant.devices[d]
-        if row.response_time > 0.0:  # in place of its slopes
-            work.trial[row.lag] = first_order_lag(x[row.lag], state.reference[d], ramp[d], row.response_time, h)
+        if plant.devices[d].response_time > 0.0:  # in place of its slopes
+            work.trial[plant.devices[d].lag] = _lag_after(plant.devices[d], state, ramp, d, h)
     for i in range(x.size):
         x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
     for d in range(ramp.size):
         if plant.devices[d].response_time > 0.0:
             x[plant.devices[d].lag] = work.trial[plant.devices[d].lag]
-    _move_reference(state, ramp, h)
+        state.reference[d] = _reference_after(state, ramp, d, h)
 
 
 @compiled
@@ -158,7 +174,7 @@ def _let_go(plant: Plant, state: PlantState, end: int, now: int) -> int:
 
 @compiled
 def _ramp(plant: Plant, state: PlantState, ramp: Float1, end: int, now: int) -> int:
-    """Write the slopes (p.u./s) of the references towards their targets; return when the first arrives."""
+    """Write the slopes (p.u./s) of references towards their targets; return when the first without a lag arrives."""
     for d in range(ramp.size):
         gap = state.target[d] - state.reference[d]
         rate = plant.devices[d].rate_max
@@ -167,20 +183,9 @@ def _ramp(plant: Plant, state: PlantState, ramp: Float1, end: int, now: int) -> 
         ramp[d] = 0.0
         if gap != 0.0:
             ramp[d] = math.copysign(rate, gap)
+        if gap != 0.0 and plant.devices[d].response_time == 0.0:
             end = min(end, now + max(1, math.ceil(abs(gap) / rate * 1e9)))
     return end
-
-
-@compiled
-def _move_reference(state: PlantState, ramp: Float1, seconds: float) -> None:
-    """Move the references along their ramps, up to their targets."""
-    for d in range(ramp.size):
-        gap = state.target[d] - state.reference[d]
-        move = ramp[d] * seconds
-        if abs(move) >= abs(gap):
-            state.reference[d] = state.target[d]
-        else:
-            state.reference[d] += move
 
 
 @entry_point
@@ -208,9 +213,9 @@ def advance(
     """Advance the plant in place from `start_ns` to `end_ns` with `count` setpoints, sorted by time.
 
     Setpoints, ends of dead times, events, points of the loads' noise, kinks of forced oscillations and ends of
-    reference ramps split the interval exactly; each part has equal steps of at most `plant.step_ns`. A setpoint that
-    first has a dead time splits nothing. The watchdog of each device decides which setpoints act, and when the device
-    is released. `work.samples`: the PMUs' phasors at instants that divide the whole evenly, in steps.
+    reference ramps without a lag split the interval exactly; each part has equal steps of at most `plant.step_ns`. A
+    setpoint that first has a dead time splits nothing. The watchdog of each device decides which setpoints act, and
+    when the device is released. `work.samples`: the PMUs' phasors at instants that divide the whole evenly, in steps.
     """
     now, following, ramp, written, samples = start_ns, 0, work.ramp, 0, work.samples.shape[0]
     due = _instant(start_ns, end_ns, 1, samples + 1)

@@ -185,4 +185,4 @@ def measure(
         frame[s, 6] = math.nan
         frame[s, 7] = magnitude(current)
         frame[s, 8] = phase(current)
-    return sound
+    return sound  # type: ignore[no-any-return]

@@ -30,7 +30,7 @@ MANY = 4  # ports, from which on it pays to solve port by port
 # Starts of Newton's method, in their order (`solve_ports`); then there are no more.
 LAST_SOLUTION, NO_SOURCES, LOADS_LOW, BLOCKED, BLOCKED_LOADS_LOW, NO_MORE = range(6)
 NEAR = 1e-3  # p.u., of an inverter's source; further away it is solved in closed form
-LAST_CHANGE = 1e-5  # relative, of Newton's method; the remaining error is of the order of its square
+LAST_CHANGE = 1e-4  # relative, of Newton's method; the remaining error is of the order of its square
 
 
 @compiled
