@@ -189,7 +189,7 @@ def test_of_an_entry_point_that_is_called_types_count_alone() -> None:
 @pytest.mark.parametrize(
     ("changed", "concerned"),
     [
-        ("facts_damping.plant.machines.governor", {"derivatives", "measure"}),
+        ("facts_damping.plant.machines.governor", {"derivatives", "observe"}),
         ("facts_damping.link.chain", {"uplink", "downlink"}),
         ("facts_damping.neurofuzzy.consequent", {"forward", "by_inputs"}),
         ("facts_damping.supervision.monitors", {"_process_frames", "_monitor"}),

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.record import Record
+    from facts_damping.simulation.parts import Parts
 
 AGENT = "agent"  # its controller name
 KEPT = ("devices", "signals", "link", "namespace", "fallback_of")  # fields taken from the replaced controller
@@ -86,13 +87,20 @@ class Episode:
     """A run in progress with an agent as controller `c`; between steps, the newest tick has been delivered."""
 
     def __init__(
-        self, case: Case, c: int, scale: NDArray[np.float64], window: NDArray[Any], deviations: NDArray[Any]
+        self,
+        case: Case,
+        c: int,
+        scale: NDArray[np.float64],
+        window: NDArray[Any],
+        deviations: NDArray[Any],
+        parts: Parts,
     ) -> None:
         """Begin the run: the first tick is measured and delivered.
 
-        The episode writes observations into `window`, (ticks, signals, 3), and `deviations`, (differences,).
+        The episode writes observations into `window`, (ticks, signals, 3), and `deviations`, (differences,). It uses
+        `parts` of the episodes before it again, which ends them.
         """
-        self.case, self.loop = case, build_loop(case, outside=True)
+        self.case, self.loop = case, build_loop(case, outside=True, part=parts.again)
         agent = case.controllers[c]
         names, pmus = [list(agent.signals)], [pmu.name for pmu in case.system.pmus]
         eyes = inputs(names, case.system.signals, pmus, case.system.frequency)

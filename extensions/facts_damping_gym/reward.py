@@ -46,5 +46,5 @@ class IndexReward(NamedTuple):
         """The reward, (...)."""
         check_known("reward.of", self.of, INDICES)
         r, s, _ = INDICES[self.of]
-        deviated = np.sum(np.abs(deviations / UNIT) ** s, axis=-1)
-        return np.asarray(-dt * (np.asarray(t_s) ** r * deviated + self.effort * np.sum(action**2, axis=-1)))
+        deviated, effort = (np.abs(deviations / UNIT) ** s).sum(-1), (action**2).sum(-1)
+        return np.asarray(-dt * (np.asarray(t_s) ** r * deviated + self.effort * effort))

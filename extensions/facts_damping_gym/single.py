@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from facts_damping.errors import InputError
+from facts_damping.simulation.parts import Parts
 from facts_damping_gym.episodes import Episode, Source, checked, weights_of
 from facts_damping_gym.many import MAX_AGE, MAX_SIGNAL
 from facts_damping_gym.reward import IndexReward, Reward
@@ -56,6 +57,7 @@ class Setting:
         options: dict[str, Any] | None,
         window: NDArray[Any],
         deviations: NDArray[Any],
+        parts: Parts,
     ) -> tuple[Episode, dict[str, Any]]:
         """A random episode and its information; raises an error if a study's points differ in signals or devices."""
         point, case = self.source.draw(random, options)
@@ -64,7 +66,7 @@ class Setting:
         if (agent.signals, agent.devices, case.run.frame_rate) != (like.signals, like.devices, first.run.frame_rate):
             raise InputError(f"study: point {point} has other signals, devices or frame_rate; allowed: the same in all")
         drawn = {"point": point, "seed": case.run.seed, **self.source.points[point]}
-        return Episode(case, self.controller, self.scale, window, deviations), drawn
+        return Episode(case, self.controller, self.scale, window, deviations, parts), drawn
 
 
 class WideAreaDamping(gymnasium.Env[Any, Any]):
@@ -94,13 +96,15 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
         self._deviations = np.zeros(len(self._setting.weights))
         self.episode: Any = None  # an `Episode`, once one has begun
         self._drawn: dict[str, Any] = {}
+        self._parts = Parts()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Begin an episode."""
         super().reset(seed=seed)
-        self.episode, self._drawn = self._setting.begin(self.np_random, options, self._window, self._deviations)
+        seen = self._window, self._deviations
+        self.episode, self._drawn = self._setting.begin(self.np_random, options, *seen, self._parts)
         return self._window.copy(), self._information()
 
     def _information(self) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from gymnasium.vector.utils import batch_space
 
 from facts_damping.compiling.structs import Table
 from facts_damping.signals import NANOSECONDS
+from facts_damping.simulation.parts import Parts
 from facts_damping.simulation.programs.policies import check
 from facts_damping_gym.episodes import checked, first_information, places_of
 from facts_damping_gym.many import Episodes, step_many
@@ -59,6 +60,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         self._all: Episodes | None = None
         self._threads = min(threads or os.cpu_count() or 1, num_envs)
         self._pool = ThreadPoolExecutor(self._threads)
+        self._parts = [Parts() for _ in range(num_envs)]
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -80,7 +82,8 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         return {name: values.copy() for name, values in present.items()} | {f"_{name}": self._each for name in present}
 
     def _begin(self, i: int, options: dict[str, Any] | None = None) -> Episode:
-        episode, drawn = self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])
+        seen = self._windows[i], self._deviations[i]
+        episode, drawn = self._setting.begin(self._random[i], options, *seen, self._parts[i])
         self._all = None  # rebuilt from the present episodes
         self._ticks[i], self._last[i], self._lost[i] = episode.tick, episode.case.ticks - 1, episode.lost
         self._limits[i], self._weights[i] = episode.limits, episode.weights

@@ -170,8 +170,8 @@ def tuned(
     for wanted in dict.fromkeys(("none", compensation)):
         for file in sorted(fitting, key=lambda tuned_file: tuned_file.measurement == measurement):
             for row in file.controllers:
-                tuned_for = file.devices, file.signals[: kind(row.name).signals]
-                if tuned_for == (devices, signals) and row.compensation == wanted:
+                fits = file.devices == devices and row.compensation == wanted
+                if fits and file.signals[: kind(row.name).signals] == signals:
                     parameters[row.name, row.scheme] = row.parameters
     return parameters
 

@@ -27,7 +27,10 @@ from facts_damping.parameters.run import Run
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from facts_damping.case.named_files import Source
+
 _stored: dict[str, Case] = {}
+_systems: dict[str, System] = {}  # by their content
 ARM_AT = 0.5  # s; used if the command line asks for supervision
 
 
@@ -125,8 +128,8 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
 def _made(content: Any, sets: dict[str, str]) -> Case:
     run = check_field(Run, content, "")
     system_source = read_source("systems", run.system, "system")
-    system = checked(System, system_source)
-    model = None if run.model is None else _model(checked(System, read_source("systems", run.model, "model")), system)
+    system = _system(system_source)
+    model = None if run.model is None else _model(_system(read_source("systems", run.model, "model")), system)
     sources = resolve(run, system.name)
     scenario, scenario_file = checked(Scenario, sources.scenario), sources.scenario.file
     measurement = checked(Measurement, sources.measurement)
@@ -148,6 +151,11 @@ def _made(content: Any, sets: dict[str, str]) -> Case:
     check_fallbacks(case)
     check_events(case, scenario_file)
     return case
+
+
+def _system(source: Source) -> System:
+    """A source's system, checked once: runs of a sweep mostly have the same."""
+    return shared(_systems, repr(source.content), lambda: checked(System, source), maximum=8)
 
 
 def recorded_case(content: Any, source: str) -> Case:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import inspect
+import struct
 import typing
 import weakref
 from collections.abc import Iterator, Sequence  # noqa: TC003
@@ -114,7 +115,6 @@ class Struct:
     each: ClassVar[Any]  # the rows, a `Table`
     block: ClassVar[Any]  # memory block that describes the fields
     pointer: ClassVar[int]  # address of the block
-    complete: ClassVar[bool]
     owners: ClassVar[list[Any]]  # structs whose rows are views of its arrays
 
     def __init_subclass__(cls, *, each: type[Struct] | None = None) -> None:
@@ -128,17 +128,35 @@ class Struct:
         named_values = dict(zip(cls._fields, values, strict=False)) | named
         if len(values) + len(named) != len(cls._fields) or set(named_values) != set(cls._fields):
             raise TypeError(f"{cls.__name__}: {', '.join(named_values)} given; allowed: {', '.join(cls._fields)}")
-        block = np.zeros(size_of(cls), np.int64)
-        self.__dict__["block"], self.__dict__["pointer"] = block, address_of(block)
-        self.__dict__["complete"], self.__dict__["owners"] = False, []
+        words: list[int] = []
         for name in cls._fields:
-            setattr(self, name, named_values[name])
-        self.__dict__["complete"] = True
+            words += self._words(name, named_values[name])
+        block = np.array([*words, 0], np.int64)  # the last word: of `each`
+        self.__dict__.update(block=block, pointer=address_of(block), owners=[])
         self._split()
+
+    def _words(self, name: str, value: Any) -> Sequence[int]:
+        """Keep a field's value; returns the words that describe it. Raises `TypeError` if it has a wrong type."""
+        cls: Any = type(self)
+        kind, _ = layout(cls)[name]
+        words: Sequence[int] = (0,)
+        if isinstance(kind, Array):
+            words = array_words(value, kind, f"{cls.__name__}.{name}")
+        elif kind in WORD_TYPES:
+            value = kind(value)
+            words = struct.unpack("q", struct.pack("d", value)) if kind is float else (value,)
+        elif kind != HOST:
+            if type(value) is not (typing.get_origin(kind) or kind):
+                raise TypeError(f"{cls.__name__}.{name}: {type(value).__name__} given; allowed: {kind}")
+            words = (value.pointer,)
+            if self._each is not None:
+                value.owners.append(weakref.ref(self))  # for rows that are views of its arrays
+        self.__dict__[name] = value
+        return words
 
     def _split(self) -> None:
         """Make the rows `each`: views of every field along the first axis."""
-        if self._each is not None and self.complete:
+        if self._each is not None:
             many = next(len(value) for value in self if isinstance(value, np.ndarray))
             self.__dict__["each"] = rows = Table([self._row(i) for i in range(many)])
             cls: Any = type(self)
@@ -155,21 +173,8 @@ class Struct:
     def __setattr__(self, name: str, value: Any) -> None:
         """Set a field, also in the block. Raises `TypeError` if it has a wrong type."""
         cls: Any = type(self)
-        kind, at = layout(cls)[name]
-        where = f"{cls.__name__}.{name}"
-        if isinstance(kind, Array):
-            words = array_words(value, kind, where)
-            self.block[at : at + len(words)] = words
-        elif kind in WORD_TYPES:
-            value = kind(value)
-            self.block[at : at + 1].view(WORD_TYPES[kind])[0] = value
-        elif kind != HOST:
-            if type(value) is not (typing.get_origin(kind) or kind):
-                raise TypeError(f"{where}: {type(value).__name__} given; allowed: {kind}")
-            self.block[at] = value.pointer
-            if self._each is not None:
-                value.owners.append(weakref.ref(self))  # for rows that are views of its arrays
-        self.__dict__[name] = value
+        words, at = self._words(name, value), layout(cls)[name][1]
+        self.block[at : at + len(words)] = words
         self._split()
 
     def __iter__(self) -> Iterator[Any]:
@@ -178,7 +183,13 @@ class Struct:
 
     def _replace(self, **changes: Any) -> Self:
         """A copy with some fields changed."""
-        return type(self)(**{name: self.__dict__[name] for name in self._fields} | changes)
+        if self._each is not None:
+            return type(self)(**{name: self.__dict__[name] for name in self._fields} | changes)
+        copy, block = object.__new__(type(self)), self.block.copy()
+        copy.__dict__.update(self.__dict__, block=block, pointer=address_of(block), owners=[])
+        for name, value in changes.items():
+            setattr(copy, name, value)
+        return copy
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy has a block of its own."""

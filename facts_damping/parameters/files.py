@@ -6,7 +6,7 @@ import os
 import pickle
 import re
 from copy import copy
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,8 +31,17 @@ FILE = r"[^:\s]+\.(ya?ml|npz|mat|csv|mcap|fmu)|[^:\s]+\.py:\w+"
 
 def shipped(kind: str) -> dict[str, Path]:
     """Names and files of what is shipped in a folder of `config`; scenarios as system/name."""
-    folder = share_folder() / "config" / kind
+    return _named(share_folder() / "config" / kind)
+
+
+@cache
+def _named(folder: Path) -> dict[str, Path]:
     return {str(f.relative_to(folder).with_suffix("")): f for f in sorted(folder.rglob("*.yaml"))}
+
+
+def copied(content: dict[str, Any]) -> dict[str, Any]:
+    """A copy of what a file contains, in a third of the time of `deepcopy`."""
+    return pickle.loads(pickle.dumps(content))  # type: ignore[no-any-return]  # noqa: S301 (our own)
 
 
 def is_path(name: str) -> bool:

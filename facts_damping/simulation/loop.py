@@ -38,6 +38,7 @@ from facts_damping.simulation.assembly import (
     supervised,
 )
 from facts_damping.simulation.measured_plant import with_pmus
+from facts_damping.simulation.parts import lent, new
 from facts_damping.simulation.programs.policies import check, connect
 from facts_damping.simulation.restarts import Restarts
 from facts_damping.simulation.tick import ControlSystem, Loop, Signals, Used, run_half_ticks
@@ -62,19 +63,24 @@ def setpoint_buffer(per_arrival: int, entries: int) -> NDArray[Any]:
 
 
 def build_loop(
-    case: Case, residues: Residues | None = None, built: Built | None = None, *, outside: bool = False
+    case: Case,
+    residues: Residues | None = None,
+    built: Built | None = None,
+    *,
+    outside: bool = False,
+    part: Callable[..., Any] = new,
 ) -> Loop:
     """Build all parts of a case at the start of the run; `residues`: as for `build_control`.
 
     `built`: its plant, if already built; the loop uses its state. `outside`: setpoints may come from outside, such as
-    from a user's own node.
+    from a user's own node. `part`: as `parts.lent` gives it.
     """
     built = build_plant(case) if built is None else built
-    links = build_links(case)
+    links = part("links", case, build_links)
     if residues is None and case.supervision is not None:
         residues = plant_residues(case)
-    control = control_system(case, links.up.out.shape[1], residues)
-    measured = with_pmus(built.plant, built.state, *build_pmus(case))
+    control = part("control", case, lambda case: control_system(case, links.up.out.shape[1], residues))
+    measured = with_pmus(built.plant, built.state, *part("pmus", case, build_pmus))
     applied = np.zeros(links.down.out.size, SETPOINT)
     spoofed = bool((links.up.chain.rows["model"] == SPOOF).any())
     differ = spoofed or clocks_differ(case.measurement, [s.name for s in case.system.pmus])
@@ -149,9 +155,15 @@ def with_half_step(case: Case) -> Case:
     return replace(case, system=case.system.model_copy(update={"step": case.system.step / 2}))
 
 
-def run(case: Case) -> Record:
-    """Run a case's closed loop in process; returns the record of all signals."""
-    return finish(case, build_loop(case))
+def unchanged(loop: Loop) -> Loop:
+    """The loop as it is."""
+    return loop
+
+
+def run(case: Case, change: Callable[[Loop], Loop] = unchanged) -> Record:
+    """Run a case's closed loop in process, after a `change` of it; returns the record of all signals."""
+    with lent() as part:
+        return finish(case, change(build_loop(case, part=part)))
 
 
 def finish(case: Case, loop: Loop, progress: Callable[[int, int], object] = lambda *_: None) -> Record:

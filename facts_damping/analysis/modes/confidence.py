@@ -6,6 +6,7 @@ Also the quantile of Student's t for intervals.
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -112,6 +113,12 @@ def _sum2(x: NDArray[np.float64]) -> float:
     return float(np.sum(x**2))
 
 
+@cache
+def _gauss() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points and weights of Gauss's rule, on -1 to 1."""
+    return np.polynomial.legendre.leggauss(POINTS)
+
+
 def student_quantile(free: float, probability: float) -> float:
     """Value below which Student's t with `free` degrees of freedom lies with a probability from 0.5 to 1.
 
@@ -119,7 +126,7 @@ def student_quantile(free: float, probability: float) -> float:
     method solves for the probability. It agrees with SciPy to 1e-9; loading SciPy takes longer than a run.
     """
     density = math.exp(math.lgamma((free + 1) / 2) - math.lgamma(free / 2)) / math.sqrt(math.pi)
-    x, weight = np.polynomial.legendre.leggauss(POINTS)
+    x, weight = _gauss()
     angle = 0.0  # below the root; the density falls (from one degree on) or hardly rises
     for _ in range(100):
         below = density * angle / 2 * float(weight @ np.cos(angle * (x + 1) / 2) ** (free - 1))

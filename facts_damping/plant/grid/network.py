@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -189,12 +190,22 @@ def series_devices(system: System) -> list[Series]:
     return [device for device in system.devices if isinstance(device, Series)]
 
 
+def _ends(system: System, topology: Topology) -> list[tuple[str, str]]:
+    """Buses that lines, transformers and series devices in service join; on a faulted line that of the fault, too."""
+    every: list[Line | Transformer] = [*system.lines, *system.transformers]
+    faulted = {place.line for place in topology.faults}
+    joined: list[tuple[str, str]] = []
+    for branch in every:
+        middle = [fault_bus(branch.name)] if branch.name in faulted else []
+        joined += [] if branch.name in topology.lines_out else pairwise([branch.from_bus, *middle, branch.to_bus])
+    return joined + [device.ends for device in series_devices(system)]
+
+
 def check_islands(system: System, topology: Topology, when: str) -> dict[str, int]:
     """Number of the island of each bus. Raises `InputError` if an island has no source."""
     names = bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
-    ends = [(b.from_bus, b.to_bus) for b in branches(system, topology)] + [d.ends for d in series_devices(system)]
-    label = dict(zip(names, parts(len(names), ((index[a], index[b]) for a, b in ends)), strict=True))
+    label = dict(zip(names, parts(len(names), ((index[a], index[b]) for a, b in _ends(system, topology))), strict=True))
     forming = {i.name: i.forming for i in system.inverters}
     sources = [u.bus for u in system.units if forming.get(u.name, True) and u.name not in topology.machines_out]
     fed = {label[bus] for bus in (*sources, *(i.bus for i in system.infinite_buses))}
