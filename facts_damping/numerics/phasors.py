@@ -78,9 +78,11 @@ def _exponentials(z: Complex1, out: Complex1) -> None:
 def _elementwise(kernel: Any, kind: Any, *operands: ArrayLike, of: Any = complex) -> NDArray[Any]:
     """Apply a kernel to arrays of one shape or broadcast to one."""
     arrays = [np.asarray(operand, of) for operand in operands]
-    out = np.zeros(np.broadcast_shapes(*(array.shape for array in arrays)), kind)
-    whole = (array if array.shape == out.shape else np.broadcast_to(array, out.shape) for array in arrays)
-    kernel(*(np.ascontiguousarray(array).reshape(-1) for array in whole), out.reshape(-1))
+    if any(array.shape != arrays[0].shape for array in arrays):
+        whole = np.broadcast_shapes(*(array.shape for array in arrays))
+        arrays = [np.broadcast_to(array, whole) for array in arrays]
+    out = np.zeros(arrays[0].shape, kind)
+    kernel(*(np.ascontiguousarray(array).reshape(-1) for array in arrays), out.reshape(-1))
     return out
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from facts_damping.compiling.structs import Complex2
     from facts_damping.parameters.plant.grid import Line, Transformer
     from facts_damping.parameters.plant.system import System
+
+SECTIONS = 4096  # lines and transformers whose two-ports a process keeps: those of a sweep's grids are mostly the same
 
 
 @dataclass(frozen=True)
@@ -65,9 +68,14 @@ def line_section(line: Line, model: str, fraction: float = 1.0) -> Complex2:
     pi: series z l, shunts y l / 2. distributed: series z l sinh(g l) / (g l), shunts y l / 2
     tanh(g l / 2) / (g l / 2), with g l = sqrt(z y) l (Kundur 1994, 6.1.4).
     """
-    series = complex(line.r, line.x) * line.length * fraction
-    shunt = 1j * line.b * line.length * fraction
-    if model == "distributed" and series * shunt != 0.0:  # zero charging has no distributed effect
+    return _line_section(line.r, line.x, line.b, line.length, model == "distributed", fraction)
+
+
+@lru_cache(maxsize=SECTIONS)
+def _line_section(r: float, x: float, b: float, length: float, distributed: bool, fraction: float) -> Complex2:
+    series = complex(r, x) * length * fraction
+    shunt = 1j * b * length * fraction
+    if distributed and series * shunt != 0.0:  # zero charging has no distributed effect
         of_series, of_shunt = line_factors(complex(times(series, shunt)))
         series, shunt = complex(times(series, of_series)), complex(times(shunt, of_shunt))
     return two_port(series, shunt / 2, shunt / 2)
@@ -86,15 +94,25 @@ def transformer_section(transformer: Transformer, base_power: float) -> Complex2
     [[y / |t|^2, -y / conj(t)], [-y / t, y]]. The magnetising branch is at the first bus: all leakage is on the other
     side (thesis A.2: L1 = 0).
     """
+    magnetising = transformer.magnetising_r, transformer.magnetising_x
     ratio = transformer.rating / base_power
+    return _transformer_section(
+        ratio, *magnetising, transformer.r, transformer.x, transformer.tap, transformer.phase_shift
+    )
+
+
+@lru_cache(maxsize=SECTIONS)
+def _transformer_section(
+    ratio: float, core_r: float | None, core_x: float | None, r: float, x: float, tap: float, shift: float
+) -> Complex2:
     magnetising = 0j
-    if transformer.magnetising_r is not None:
-        magnetising += ratio / transformer.magnetising_r
-    if transformer.magnetising_x is not None:
-        magnetising += -1j * (ratio / transformer.magnetising_x)
-    y = complex(over(ratio, complex(transformer.r, transformer.x)))
-    t = complex(polar(transformer.tap, math.radians(transformer.phase_shift)))
-    series = y / (transformer.tap * transformer.tap)
+    if core_r is not None:
+        magnetising += ratio / core_r
+    if core_x is not None:
+        magnetising += -1j * (ratio / core_x)
+    y = complex(over(ratio, complex(r, x)))
+    t = complex(polar(tap, math.radians(shift)))
+    series = y / (tap * tap)
     return np.array([[series + magnetising, -over(y, t.conjugate())], [-over(y, t), y]])
 
 

@@ -76,10 +76,14 @@ def reduce_network(
         solution[bus, column] = 1.0
     solution[buses:] = np.eye(net.inputs)
     outputs = list(_outputs(system, places, net))
-    responses = np.zeros((len(outputs), net.inputs), np.complex128)
-    for o, added in enumerate(outputs):
-        for terms, divisor in added:
-            responses[o] += over(sum(times(factor, solution[at]) for factor, at in terms), divisor)
+    parts_of = [(o, terms, divisor) for o, added in enumerate(outputs) for terms, divisor in added if terms]
+    factor, at = (np.array([term[i] for _, terms, _ in parts_of for term in terms]) for i in range(2))
+    length = np.array([len(terms) for _, terms, _ in parts_of])
+    products, begin = times(factor[:, None], solution[at]), np.cumsum(length) - length
+    sums, responses = (np.zeros((n, net.inputs), np.complex128) for n in (len(parts_of), len(outputs)))
+    for k in range(length.max(initial=0)):  # in the order of the terms
+        sums[length > k] += products[begin[length > k] + k]
+    np.add.at(responses, [o for o, _, _ in parts_of], over(sums, np.array([[divisor] for _, _, divisor in parts_of])))
     return responses
 
 
