@@ -147,7 +147,7 @@ def _check_oscillation(system: System, before: Topology, event: events.ForcedOsc
             check_known(f"{where}.{place}", name, names)
     if event.load is not None and event.amplitude > 1.0:
         raise InputError(f"{where}.amplitude: {event.amplitude:g} given; allowed: at most 1, the whole load")
-    if event.frequency * system.step > 0.5:
+    if event.frequency * system.step > 0.5 + 1e-9:  # the step may be rounded up
         allowed = f"at most {0.5 / system.step:g}, in Hz, half the rate of integration steps"
         raise InputError(f"{where}.frequency: {event.frequency:g} given; allowed: {allowed}")
 

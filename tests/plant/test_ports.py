@@ -183,7 +183,7 @@ def test_kirchhoff_s_laws_hold_with_any_loads_machines_taps_and_devices(
     at = next(i for i, s in enumerate(system.pmus) if s.bus == "B9")
     burning = (trace.t >= 0.2) & (trace.t < 0.3)
     left["B9"] -= 1j / depth * trace.frames[:, at, VOLTAGE] ** 2 * burning
-    assert np.abs(list(left.values()))[:, until_collapse].max() < 1e-9
+    assert np.abs(list(left.values()))[:, until_collapse].max() < 1e-7
     assert np.abs(slopes(built)).max() < 1e-7
 
 
@@ -202,7 +202,7 @@ def test_constant_power_is_constant_above_v_min_and_an_impedance_below() -> None
         drawn = -(trace.frames[:, pmus, ACTIVE] + 1j * trace.frames[:, pmus, REACTIVE]).sum(axis=1)
         r = trace.frames[:, pmus[0], VOLTAGE] / trace.frames[0, pmus[0], VOLTAGE]
         expected = complex(load.P, load.Q) / 100 * np.where(r >= 0.85, 1.0, (r / 0.85) ** 2)
-        np.testing.assert_allclose(drawn, expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(drawn, expected, rtol=0, atol=1e-7)
         assert np.ptp(r[r >= 0.85]) > 0.02
     low = trace.frames[:, names.index("line_9_10.from"), VOLTAGE] < 0.7
     assert 20 < low.sum() < 30
@@ -222,8 +222,8 @@ def test_constant_power_behind_a_reactance_has_the_textbook_s_voltage(P: float, 
     trace = follow(built, [0.0, 0.6])
     for k, drawn in enumerate((P, P * (1 + step))):
         expected = np.sqrt((1 + np.sqrt(1 - (2 * drawn * SPUR) ** 2)) / 2)
-        assert trace.frames[k, 2, VOLTAGE] == pytest.approx(expected, abs=1e-9)
-        assert trace.frames[k, 2, ACTIVE] == pytest.approx(-drawn, abs=1e-9)
+        assert trace.frames[k, 2, VOLTAGE] == pytest.approx(expected, abs=1e-7)
+        assert trace.frames[k, 2, ACTIVE] == pytest.approx(-drawn, abs=1e-7)
 
 
 @pytest.mark.parametrize("P", [12.0, 14.0, 20.0, 40.0])
