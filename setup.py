@@ -20,6 +20,7 @@ WINGS = {
     wing: f"{NAME}_{wing}"
     for wing in ("grids", "gym", "library", "streams", "studies", "testing", "validation", "views")
 }
+DEVICES = ("bess", "csvgn1", "tcsc")  # kinds that the library adds
 
 # Wheels of ROS 2 by distribution: what runs, then what builds msg_defs, of which several are needed by others without
 # being declared there. They install modules of the same names, so an environment holds one distribution.
@@ -212,7 +213,7 @@ setup(
             *(f"{name} = {WINGS['studies']}.api.sweeps:{name}" for name in ("Sweep", "sweep")),
         ],
         f"{NAME}.modules": [f"environment = {WINGS['gym']}", f"testing = {WINGS['testing']}.fixtures"],
-        f"{NAME}.device_kinds": [f"csvgn1 = {WINGS['library']}.devices.csvgn1:ROW"],
+        f"{NAME}.device_kinds": [f"{kind} = {WINGS['library']}.devices.{kind}:ROW" for kind in DEVICES],
         f"{NAME}.kernels": [f"gym = {WINGS['gym']}.many"],
         f"{NAME}.machine_controls": [f"library = {WINGS['library']}:MODELS"],
         f"{NAME}.exports": [f"m = {WINGS['grids']}.matpower_writing:export"],

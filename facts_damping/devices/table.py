@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from facts_damping.devices import bess, exciter_input, hvdc, inverter_input, load_modulation, sssc, statcom, svc, tcsc
+from facts_damping.devices import exciter_input, hvdc, inverter_input, load_modulation, sssc, statcom, svc
 from facts_damping.devices.base import DeviceModel
 from facts_damping.devices.kind import DeviceKind
 from facts_damping.errors import InputError
@@ -14,8 +14,6 @@ KINDS: dict[str, DeviceKind] = {
     "svc": svc.ROW,
     "hvdc": hvdc.ROW,
     "load_modulation": load_modulation.ROW,
-    "bess": bess.ROW,
-    "tcsc": tcsc.ROW,
     "exciter_input": exciter_input.ROW,
     "inverter_input": inverter_input.ROW,
 }

@@ -16,7 +16,7 @@ from facts_damping.devices.svc import Svc
 from .reference_grid import Array, Complex, Grid, Stage
 
 if TYPE_CHECKING:
-    from facts_damping.devices.tcsc import Tcsc
+    from facts_damping_library.devices.tcsc import Tcsc
 
     from .reference import Model
 

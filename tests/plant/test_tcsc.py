@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping.devices.tcsc import Tcsc
+from facts_damping_library.devices.tcsc import Tcsc
 from facts_damping.errors import InputError
 from facts_damping.parameters.plant.placement import place
 from tests.plant.channels import ACTIVE, REACTIVE

@@ -1,1 +1,1 @@
-"""Devices as in the PSS/E library: a file per kind, which entry points add to the table of devices."""
+"""Devices beside those of the core: a file per kind, which entry points add to the table of devices."""
