@@ -167,7 +167,8 @@ def recorded_case(content: Any, source: str) -> Case:
 def _model(model: System, system: System) -> System:
     """The system for controller design, if not the plant; devices that only the plant has are known there, too."""
     known = {d.name for d in model.devices}
-    model = model.model_copy(update={"devices": [*model.devices, *(d for d in system.devices if d.name not in known)]})
+    if others := [device for device in system.devices if device.name not in known]:
+        model = model.model_copy(update={"devices": [*model.devices, *others]})
     for field, model_names, other in (
         ("devices", [d.name for d in model.devices], [d.name for d in system.devices]),
         ("pmus", [s.name for s in model.pmus], [s.name for s in system.pmus]),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.caching import shared
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.parameters.files import is_path
 from facts_damping.parameters.profile import DEFAULT_PROFILE
@@ -17,6 +19,15 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Controller, Run
     from facts_damping.parameters.supervision import Supervision
+
+
+_contents: dict[int, tuple[System, bytes]] = {}  # by the system's identity
+
+
+def _content(system: System) -> dict[str, Any]:
+    """A system as a file has it; runs of a sweep mostly share one."""
+    make = lambda: (system, pickle.dumps(system.model_dump(by_alias=True)))  # noqa: E731
+    return pickle.loads(shared(_contents, id(system), make, maximum=8)[1])  # type: ignore[no-any-return]  # noqa: S301
 
 
 @dataclass(frozen=True)
@@ -71,8 +82,8 @@ class Case:
             "asked": self.summary(),
             "tuning": DEFAULT_PROFILE if is_path(self.run.tuning) else self.run.tuning,  # all parameters are there
             "duration": self.duration,
-            "system": self.system.model_dump(by_alias=True),
-            "model": None if self.model is None else self.model.model_dump(by_alias=True),
+            "system": _content(self.system),
+            "model": None if self.model is None else _content(self.model),
             "scenario": [event.model_dump() for event in self.scenario.events],
             "measurement": self.measurement.model_dump(),
             "link": self.link.model_dump(),

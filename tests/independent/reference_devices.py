@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping_library.devices.bess import Bess
     from facts_damping.devices.exciter_input import ExciterInput
     from facts_damping.devices.hvdc import Hvdc
     from facts_damping.devices.inverter_input import InverterInput
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from facts_damping.devices.sssc import Sssc
     from facts_damping.devices.statcom import Statcom
     from facts_damping.devices.svc import Svc
+    from facts_damping_library.devices.bess import Bess
     from facts_damping_library.devices.tcsc import Tcsc
 
     Values = list[float]

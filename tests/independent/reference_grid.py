@@ -13,9 +13,9 @@ from scipy.optimize import root
 from facts_damping.devices.hvdc import Hvdc
 from facts_damping.devices.sssc import Sssc
 from facts_damping.devices.statcom import Statcom
-from facts_damping_library.devices.tcsc import Tcsc
 from facts_damping.parameters.events import Clear
 from facts_damping.parameters.plant.grid import InfiniteBus
+from facts_damping_library.devices.tcsc import Tcsc
 
 from .reference_devices import Link, losses
 

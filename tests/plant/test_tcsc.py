@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping_library.devices.tcsc import Tcsc
 from facts_damping.errors import InputError
 from facts_damping.parameters.plant.placement import place
+from facts_damping_library.devices.tcsc import Tcsc
 from tests.plant.channels import ACTIVE, REACTIVE
 from tests.plant.running import changed, follow, frame_times, moved, plant, shipped, slopes
 from tests.plant.small import TIE, between_infinite_buses
