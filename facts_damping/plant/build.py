@@ -113,8 +113,7 @@ def build(
     source, motion = np.zeros(many, np.complex128), np.zeros((3, many), np.complex128)
     source[inverters.rows["port"]] = inverters.sources  # of several solutions that of the power flow
     at_rest = np.zeros(n), np.zeros(n), initial_watch(n), source, motion
-    lines = line([system.device(name).dead_time for name in installed])
-    state = PlantState(np.array(states.values), *at_rest, *lines)
+    state = PlantState(np.array(states.values), *at_rest, *line([system.device(name).dead_time for name in installed]))
     if large:
         _settle(plant, state)
     return Built(plant, state, flow, states.names)
