@@ -9,7 +9,7 @@ import numpy as np
 
 from facts_damping.case.loading import load_case, load_system
 from facts_damping.parameters.events import Scenario
-from facts_damping.plant.build import build
+from facts_damping.plant.build import build, longest_step
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
@@ -131,7 +131,7 @@ def steps() -> ValidationTable:
     for system, scenario, devices, controlled, tolerance in STEPS:
         sets = [f"system={system}", f"scenario={scenario}", f"devices={json.dumps(devices)}"]
         sets += [] if controlled else ["controllers=[]"]
-        step = load_system(system).step
+        step = longest_step(load_system(system), devices)
         pair = [loop.run(load_case(None, [*sets, f"system.step={step / finer!r}"])) for finer in (1, FINER)]
         lost = [record.time_s[-1] for record in pair if not record.in_synchronism[-1]]
         ticks = min(len(record.time_s) for record in pair) - (pair[0].configuration["frame_rate"] if lost else 0)

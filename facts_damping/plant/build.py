@@ -82,10 +82,9 @@ def build(
     intervals = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
     sources = [u.bus for of_sort in (system.machines, system.infinite_buses, system.inverters) for u in of_sort]
     large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
-    longest = [KINDS[device.kind].step for device in in_service(system, installed)]
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
-        step_ns=math.ceil(min([system.step, *longest]) * NANOSECONDS - 1e-3),
+        step_ns=math.ceil(longest_step(system, installed) * NANOSECONDS - 1e-3),
         machines=rotating.rows,
         exciters=rotating.exciters,
         stabilisers=rotating.stabilisers,
@@ -205,6 +204,11 @@ def in_service(system: System, installed: Sequence[str]) -> list[Device]:
     others = [d for d in system.devices if d.permanent and d.name not in installed]
     still = {"response_time": 0.0, "dead_time": 0.0}
     return [*(system.device(name) for name in installed), *(d.model_copy(update=still) for d in others)]
+
+
+def longest_step(system: System, installed: Sequence[str]) -> float:
+    """Longest step of the integrator with the devices in service, s."""
+    return min([system.step, *(KINDS[device.kind].step for device in in_service(system, installed))])
 
 
 def _loads(

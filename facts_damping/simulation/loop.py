@@ -13,6 +13,7 @@ from facts_damping.errors import RunError
 from facts_damping.link.stages import SPOOF
 from facts_damping.link.transfer import RING_NO_ROOM
 from facts_damping.measurement.build import clocks_differ
+from facts_damping.plant.build import longest_step
 from facts_damping.record import Record
 from facts_damping.signals import (
     CHANNELS,
@@ -152,18 +153,15 @@ def run_loop(loop: Loop, progress: Callable[[int, int], object] = lambda *_: Non
 
 def with_half_step(case: Case) -> Case:
     """The case with the integrator's longest step halved."""
-    return replace(case, system=case.system.model_copy(update={"step": case.system.step / 2}))
+    step = longest_step(case.system, case.run.devices) / 2
+    return replace(case, system=case.system.model_copy(update={"step": step}))
 
 
-def unchanged(loop: Loop) -> Loop:
-    """The loop as it is."""
-    return loop
-
-
-def run(case: Case, change: Callable[[Loop], Loop] = unchanged) -> Record:
+def run(case: Case, change: Callable[[Loop], Loop] | None = None) -> Record:
     """Run a case's closed loop in process, after a `change` of it; returns the record of all signals."""
     with lent() as part:
-        return finish(case, change(build_loop(case, part=part)))
+        loop = build_loop(case, part=part)
+        return finish(case, change(loop) if change else loop)
 
 
 def finish(case: Case, loop: Loop, progress: Callable[[int, int], object] = lambda *_: None) -> Record:

@@ -26,7 +26,7 @@ from facts_damping.parameters.events import Scenario
 from facts_damping.plant.events import topology_intervals
 from facts_damping.plant.grid.network import Topology
 from facts_damping.simulation.changes import rerun
-from facts_damping.simulation.loop import build_loop, run, unchanged
+from facts_damping.simulation.loop import build_loop, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -120,10 +120,10 @@ def twin(case: Case, record: Record, kind: str | None = None) -> Twin | None:
         return None
     kind = kind or kind_of_twin(case, record)
     other = OTHERS[kind](case)
-    change = mirrored if kind == MIRROR else unchanged
     if record.changes:
-        return Twin(rerun(other, record.changes, change(build_loop(other))), kind)
-    return Twin(run(other, change), kind)
+        loop = build_loop(other)
+        return Twin(rerun(other, record.changes, mirrored(loop) if kind == MIRROR else loop), kind)
+    return Twin(run(other, mirrored if kind == MIRROR else None), kind)
 
 
 OTHERS: dict[str, Callable[[Case], Case]] = {
