@@ -241,12 +241,6 @@ def layout(cls: Any) -> dict[str, tuple[Any, int]]:
 
 
 @cache
-def size_of(cls: Any) -> int:
-    """Size of a block in words."""
-    return sum(kind.words if isinstance(kind, Array) else 1 for kind, _ in layout(cls).values()) or 1
-
-
-@cache
 def fingerprint(cls: Any) -> str:
     """A short hash of a struct's layout, with those of the structs in it: what is compiled for it depends on this."""
     lines = []
