@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 class Statcom(Parallel):
     """A static synchronous compensator ([STATCOM](facts_devices.md)) at a bus; data on the system base.
 
-    Its setpoint is an offset of its voltage reference. With it, integration steps are at most 1/480 s: the poles of
-    the default data need at most 3.6 ms. One that is not installed does nothing.
+    Its setpoint is an offset of its voltage reference. Integration steps are at most 1/480 s with it. One that is not
+    installed does nothing.
     """
 
     kind: Literal["statcom"] = KIND
