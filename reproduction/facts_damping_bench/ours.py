@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.simulation import loop
+from facts_damping.simulation.parts import lent
 from facts_damping.simulation.tick import AT
 from facts_damping_bench.grid import DURATION, Grid, TimedRun, case
 
@@ -40,9 +41,10 @@ def run(
 def timed(make: Callable[[], Case]) -> TimedRun:
     """A run of a case, which is made as a part of its set-up."""
     began = time.perf_counter()
-    parts = loop.build_loop(make())
-    ready = time.perf_counter()
-    loop.run_loop(parts)
+    with lent() as part:  # as in a sweep
+        parts = loop.build_loop(make(), part=part)
+        ready = time.perf_counter()
+        loop.run_loop(parts)
     ended = time.perf_counter()
     ticks, signals = int(parts.signals.used[AT.ticks]), parts.signals
     time_s = np.asarray(signals.time_ns[:ticks] * 1e-9, np.float64)
