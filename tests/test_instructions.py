@@ -13,6 +13,7 @@ from facts_damping.simulation.loop import build_loop
 from facts_damping.simulation.tick import Loop, run_half_ticks
 from tests.instructions import COUNTS, instructions
 
+pytestmark = pytest.mark.skipif(not COUNTS, reason="counts are those of Linux on x86-64")
 TICKS = 90  # before that which is counted; no event in them
 TICK = {"two_area_deployment": 223_502}
 EVALUATION = {"nets_nyps_two_devices": 40_916, "minniwecc": 144_743}
@@ -22,12 +23,6 @@ def begun(run: str) -> Loop:
     loop = build_loop(load_case(run, ["duration=2", "scenario=[]"]))
     run_half_ticks(loop, 0, 2 * TICKS)
     return loop
-
-
-@pytest.fixture(autouse=True)
-def _counted() -> None:
-    if not COUNTS:
-        pytest.skip("counts are those of Linux on x86-64")
 
 
 def test_instructions_stop_at_the_end_of_a_call() -> None:

@@ -18,7 +18,7 @@ from facts_damping.input_files import naming_no_files
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.parameters.events import Scenario
 from facts_damping.parameters.field_errors import FieldError, check, check_field, worded
-from facts_damping.parameters.files import check_kind, each_path, find, read_sets, read_table, set_field
+from facts_damping.parameters.files import check_kind, copied, each_path, find, read_sets, read_table, set_field
 from facts_damping.parameters.measurement import Measurement
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.system import System
@@ -111,8 +111,8 @@ def read_run(run: str | dict[str, Any] | None) -> tuple[dict[str, Any], str]:
 def changed_case(
     content: dict[str, Any], source: str, values: Mapping[str, Any], sets: dict[str, str] | None = None
 ) -> Case:
-    """A case from the content of a run file after setting fields; changes the content. `sets`: how each was given."""
-    sets = as_sets(values) if sets is None else sets
+    """A case from a copy of the content of a run file after setting fields. `sets`: how each was given."""
+    content, sets = copied(content), as_sets(values) if sets is None else sets
     change(content, values, sets)
     return make_case(content, source, sets)
 

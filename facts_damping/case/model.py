@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.caching import shared
 from facts_damping.measurement.filters import reference_filter
-from facts_damping.parameters.files import is_path
+from facts_damping.parameters.files import copied, is_path
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 
 if TYPE_CHECKING:
@@ -21,13 +20,13 @@ if TYPE_CHECKING:
     from facts_damping.parameters.supervision import Supervision
 
 
-_contents: dict[int, tuple[System, bytes]] = {}  # by the system's identity
+_contents: dict[int, tuple[System, dict[str, Any]]] = {}  # by the system's identity
 
 
 def _content(system: System) -> dict[str, Any]:
     """A system as a file has it; runs of a sweep mostly share one."""
-    make = lambda: (system, pickle.dumps(system.model_dump(by_alias=True)))  # noqa: E731
-    return pickle.loads(shared(_contents, id(system), make, maximum=8)[1])  # type: ignore[no-any-return]  # noqa: S301
+    make = lambda: (system, system.model_dump(by_alias=True))  # noqa: E731
+    return copied(shared(_contents, id(system), make, maximum=8)[1])
 
 
 @dataclass(frozen=True)

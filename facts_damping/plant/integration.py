@@ -183,8 +183,8 @@ def _ramp(plant: Plant, state: PlantState, ramp: Float1, end: int, now: int) -> 
         ramp[d] = 0.0
         if gap != 0.0:
             ramp[d] = math.copysign(rate, gap)
-        if gap != 0.0 and plant.devices[d].response_time == 0.0:
-            end = min(end, now + max(1, math.ceil(abs(gap) / rate * 1e9)))
+            if plant.devices[d].response_time == 0.0:
+                end = min(end, now + max(1, math.ceil(abs(gap) / rate * 1e9)))
     return end
 
 

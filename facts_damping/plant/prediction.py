@@ -27,14 +27,16 @@ def moved(motion: Complex2, p: int, seconds: float) -> complex:
 @compiled
 def predict(part: int, h: float, ahead: bool, source: Complex1, motion: Complex2, path: Complex2) -> None:
     """Keep the sources' path in a step of h seconds; `ahead`: also move them to its next part, `part`."""
-    half, factor = 0.5 * h, 1.0 if ahead else 0.0
+    half = 0.5 * h
     for p in range(source.size):
         if part == 1:
             path[BEGIN, p] = source[p]
-            source[p] += factor * (moved(motion, p, half) - 0.5 * half * half * motion[SPREAD, p])
+            if ahead:
+                source[p] += moved(motion, p, half) - 0.5 * half * half * motion[SPREAD, p]
         elif part == 2:
             path[HALFWAY, p] = source[p]
-            source[p] += factor * half * half * motion[SPREAD, p]
+            if ahead:
+                source[p] += half * half * motion[SPREAD, p]
         elif part == 3:
             motion[SPREAD, p] = divided(source[p] - path[HALFWAY, p], half * half)
             path[HALFWAY, p] = 0.5 * (path[HALFWAY, p] + source[p])

@@ -77,11 +77,11 @@ def build_loop(
     from a user's own node. `part`: as `parts.lent` gives it.
     """
     built = build_plant(case) if built is None else built
-    links = part("links", case, build_links)
+    links, pmus = part("frames", case, lambda case: (build_links(case), build_pmus(case)))
     if residues is None and case.supervision is not None:
         residues = plant_residues(case)
     control = part("control", case, lambda case: control_system(case, links.up.out.shape[1], residues))
-    measured = with_pmus(built.plant, built.state, *part("pmus", case, build_pmus))
+    measured = with_pmus(built.plant, built.state, *pmus)
     applied = np.zeros(links.down.out.size, SETPOINT)
     spoofed = bool((links.up.chain.rows["model"] == SPOOF).any())
     differ = spoofed or clocks_differ(case.measurement, [s.name for s in case.system.pmus])

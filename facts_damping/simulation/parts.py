@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
 
-MANY = 12  # parts that a thread keeps
+MANY = 4  # parts that a thread keeps: those of a run and of its twin, and of one beside it
 LARGEST = 1 << 24  # bytes of one
 
 
@@ -51,7 +51,7 @@ def of_control(case: Case) -> str:
     return f"{run} {rows} {supervision} {of_frames(case, draws=draws)} {plant}"
 
 
-MADE_OF = {"links": of_frames, "pmus": of_frames, "control": of_control}
+MADE_OF = {"frames": of_frames, "control": of_control}  # links and PMUs; controllers, identifiers and supervisors
 
 
 class Parts(threading.local):
@@ -72,7 +72,7 @@ class Parts(threading.local):
                 starts = [(array, array.copy()) for array in arrays]
                 shared(self._known, data, lambda: (part, starts), maximum=MANY)
             return part
-        part, starts = self._known[data]
+        self._known[data] = part, starts = self._known.pop(data)  # the newest
         for array, start in starts:
             array[...] = start
         return part

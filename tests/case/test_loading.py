@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from facts_damping.case import names
 from facts_damping.case.controllers import tuned
-from facts_damping.case.loading import load_case, load_system, make_case
+from facts_damping.case.loading import changed_case, load_case, load_system, make_case, read_run
 from facts_damping.errors import InputError
 from facts_damping.input_files import share_folder
 from facts_damping.link.stages import mean_delay
@@ -433,3 +433,10 @@ def test_tuned_controller_files_are_named_by_system_and_profile() -> None:
         content = read_table(path)
         profile = content.get("profile", "thesis")
         assert name.startswith(content["system"] if profile == "thesis" else f"{content['system']}_{profile}")
+
+
+def test_changed_case_leaves_the_content_that_it_is_made_from() -> None:
+    content, source = read_run("two_area_deployment")
+    before = repr(content)
+    case = changed_case(content, source, {"seed": 7, "system.loads.0.P": 960.0, "controllers.0.parameters.gain": 3.0})
+    assert (case.run.seed, case.system.loads[0].P, repr(content)) == (7, 960.0, before)

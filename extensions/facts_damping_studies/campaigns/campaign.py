@@ -17,7 +17,7 @@ from facts_damping.errors import FactsDampingError, InputError, check_known, one
 from facts_damping.input_files import read_text
 from facts_damping.output.writing import write_whole
 from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.files import copied, find, new_folder, read_sets, read_table
+from facts_damping.parameters.files import find, new_folder, read_sets, read_table
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping.version import __version__
@@ -132,7 +132,7 @@ def _check(campaign_plan: CampaignPlan, base_run: str) -> None:
 
 def _case(campaign_plan: CampaignPlan, base_run: str, changes: dict[str, Any]) -> Case:
     content, source = campaign_plan.contents[base_run]
-    return changed_case(copied(content), source, {**campaign_plan.campaign.base_runs[base_run].set, **changes})
+    return changed_case(content, source, {**campaign_plan.campaign.base_runs[base_run].set, **changes})
 
 
 def _chosen(base_run: BaseRun, labels: dict[str, str]) -> dict[str, Any]:
@@ -275,7 +275,7 @@ def uncontrolled(campaign_plan: CampaignPlan, sample: Draw) -> Record:
     usual = campaign_plan.campaign.base_runs[sample.base_run].set
     usual_fields = {path: value for path, value in usual.items() if path.partition(".")[0] not in whole}
     changes = {**usual_fields, **whole, **plain}
-    return shared(_uncontrolled, key, lambda: loop.run(changed_case(copied(content), source, changes)))
+    return shared(_uncontrolled, key, lambda: loop.run(changed_case(content, source, changes)))
 
 
 def run(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -61,7 +60,7 @@ def _possible(draws: CaseDraws, kind: str, random: Random) -> dict[str, Any]:
     for _ in range(TRIES):
         case = _case(draws, kind, random)
         try:
-            loop.build_loop(changed_case(deepcopy(draws.run), draws.system.name, case["set"]))
+            loop.build_loop(changed_case(draws.run, draws.system.name, case["set"]))
         except FactsDampingError as error:
             problem = one_line(error)
         else:

@@ -80,7 +80,7 @@ def ground(comparison: Comparison, jobs: int, tell: design.Tell) -> Ground:
     run: dict[str, Any] = {"system": content, "scenario": [], "devices": [place.device.name], "controllers": []}
     fields: dict[str, Any] = {"profile": comparison.profile, "duration": DURATION_S}
     fields |= {} if comparison.link is None else {"link": comparison.link}
-    fields["link"] = changed_case(deepcopy(run), system.name, fields).link.model_dump()
+    fields["link"] = changed_case(run, system.name, fields).link.model_dump()
     ports = {"devices": run["devices"], "signals": [signal]}
     idle = {"name": "LLC", **ports, "parameters": {"gain": 0.0}}
     fields["link"], wait_s, tripped_by = _aligned({**run, "controllers": [idle]}, fields)
@@ -95,7 +95,7 @@ def ground(comparison: Comparison, jobs: int, tell: design.Tell) -> Ground:
         "kinds": KINDS,
         "cases": drawn_cases(draws, comparison.cases, tell("compare", "cases")),
     }
-    cases = [changed_case(deepcopy(run), system.name, row["set"]) for row in training]
+    cases = [changed_case(run, system.name, row["set"]) for row in training]
     return Ground(described, cases, place, signal, mode, residue, wait_s, tripped_by)
 
 
@@ -175,7 +175,7 @@ def _aligned(run: dict[str, Any], fields: Mapping[str, Any]) -> tuple[dict[str, 
     """
     link, wait_s = deepcopy(fields["link"]), 0.0
     record, tripped = _calm(run, {**fields, "link": link})
-    case = changed_case(deepcopy(run), "compare", fields)
+    case = changed_case(run, "compare", fields)
     watch = None if case.supervision is None else watches(case.supervision).get(MISALIGNED)
     if watch is None or not watch.follows:
         return link, 0.0, ""
@@ -193,7 +193,7 @@ def _aligned(run: dict[str, Any], fields: Mapping[str, Any]) -> tuple[dict[str, 
 
 def _calm(run: dict[str, Any], fields: Mapping[str, Any]) -> tuple[Record, str]:
     """A run without events, and the monitor that trips its controller; empty: none."""
-    record = loop.run(changed_case(deepcopy(run), "compare", {**fields, "duration": CALM_S}))
+    record = loop.run(changed_case(run, "compare", {**fields, "duration": CALM_S}))
     return record, next((cause for _, _, cause in trips(supervision(record, None))), "")
 
 

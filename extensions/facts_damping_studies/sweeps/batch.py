@@ -21,7 +21,6 @@ from facts_damping.caching import shared
 from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError, InputError, one_line
 from facts_damping.findings import NO_CONTROL, uncontrolled
-from facts_damping.parameters import files
 from facts_damping.parameters.run import Run
 from facts_damping.simulation import loop, twins
 from facts_damping_studies.margins import criteria
@@ -85,7 +84,7 @@ def make(base: Base, changes: Mapping[str, Any]) -> Case:
     values = {**base.set, **changes}
     if changes.get("controllers") == []:
         values = {path: value for path, value in values.items() if not path.startswith("controllers.")}
-    return loading.changed_case(files.copied(base.content), base.source, values)
+    return loading.changed_case(base.content, base.source, values)
 
 
 def refusal(base: Base, task: RunRequest) -> tuple[str, str | None]:

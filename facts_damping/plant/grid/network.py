@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,20 +61,16 @@ class Branch:
     admittance: NDArray[np.complex128]
 
 
+@lru_cache(maxsize=SECTIONS)
 def line_section(line: Line, model: str, fraction: float = 1.0) -> Complex2:
     """Admittance two-port of a fraction of a line, shape (2, 2), p.u.
 
     pi: series z l, shunts y l / 2. distributed: series z l sinh(g l) / (g l), shunts y l / 2
     tanh(g l / 2) / (g l / 2), with g l = sqrt(z y) l (Kundur 1994, 6.1.4).
     """
-    return _line_section(line.r, line.x, line.b, line.length, model == "distributed", fraction)
-
-
-@lru_cache(maxsize=SECTIONS)
-def _line_section(r: float, x: float, b: float, length: float, distributed: bool, fraction: float) -> Complex2:
-    series = complex(r, x) * length * fraction
-    shunt = 1j * b * length * fraction
-    if distributed and series * shunt != 0.0:  # zero charging has no distributed effect
+    series = complex(line.r, line.x) * line.length * fraction
+    shunt = 1j * line.b * line.length * fraction
+    if model == "distributed" and series * shunt != 0.0:  # zero charging has no distributed effect
         of_series, of_shunt = line_factors(complex(times(series, shunt)))
         series, shunt = complex(times(series, of_series)), complex(times(shunt, of_shunt))
     return two_port(series, shunt / 2, shunt / 2)
@@ -87,6 +82,7 @@ def two_port(series: complex, shunt_from: complex, shunt_to: complex) -> Complex
     return np.array([[y + shunt_from, -y], [-y, y + shunt_to]])
 
 
+@lru_cache(maxsize=SECTIONS)
 def transformer_section(transformer: Transformer, base_power: float) -> Complex2:
     """Admittance two-port of a transformer, shape (2, 2), p.u. on the system base.
 
@@ -94,25 +90,15 @@ def transformer_section(transformer: Transformer, base_power: float) -> Complex2
     [[y / |t|^2, -y / conj(t)], [-y / t, y]]. The magnetising branch is at the first bus: all leakage is on the other
     side (thesis A.2: L1 = 0).
     """
-    magnetising = transformer.magnetising_r, transformer.magnetising_x
     ratio = transformer.rating / base_power
-    return _transformer_section(
-        ratio, *magnetising, transformer.r, transformer.x, transformer.tap, transformer.phase_shift
-    )
-
-
-@lru_cache(maxsize=SECTIONS)
-def _transformer_section(
-    ratio: float, core_r: float | None, core_x: float | None, r: float, x: float, tap: float, shift: float
-) -> Complex2:
     magnetising = 0j
-    if core_r is not None:
-        magnetising += ratio / core_r
-    if core_x is not None:
-        magnetising += -1j * (ratio / core_x)
-    y = complex(over(ratio, complex(r, x)))
-    t = complex(polar(tap, math.radians(shift)))
-    series = y / (tap * tap)
+    if transformer.magnetising_r is not None:
+        magnetising += ratio / transformer.magnetising_r
+    if transformer.magnetising_x is not None:
+        magnetising += -1j * (ratio / transformer.magnetising_x)
+    y = complex(over(ratio, complex(transformer.r, transformer.x)))
+    t = complex(polar(transformer.tap, math.radians(transformer.phase_shift)))
+    series = y / (transformer.tap * transformer.tap)
     return np.array([[series + magnetising, -over(y, t.conjugate())], [-over(y, t), y]])
 
 
@@ -208,22 +194,12 @@ def series_devices(system: System) -> list[Series]:
     return [device for device in system.devices if isinstance(device, Series)]
 
 
-def _ends(system: System, topology: Topology) -> list[tuple[str, str]]:
-    """Buses that lines, transformers and series devices in service join; on a faulted line that of the fault, too."""
-    every: list[Line | Transformer] = [*system.lines, *system.transformers]
-    faulted = {place.line for place in topology.faults}
-    joined: list[tuple[str, str]] = []
-    for branch in every:
-        middle = [fault_bus(branch.name)] if branch.name in faulted else []
-        joined += [] if branch.name in topology.lines_out else pairwise([branch.from_bus, *middle, branch.to_bus])
-    return joined + [device.ends for device in series_devices(system)]
-
-
 def check_islands(system: System, topology: Topology, when: str) -> dict[str, int]:
     """Number of the island of each bus. Raises `InputError` if an island has no source."""
     names = bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
-    label = dict(zip(names, parts(len(names), ((index[a], index[b]) for a, b in _ends(system, topology))), strict=True))
+    ends = [(b.from_bus, b.to_bus) for b in branches(system, topology)] + [d.ends for d in series_devices(system)]
+    label = dict(zip(names, parts(len(names), ((index[a], index[b]) for a, b in ends)), strict=True))
     forming = {i.name: i.forming for i in system.inverters}
     sources = [u.bus for u in system.units if forming.get(u.name, True) and u.name not in topology.machines_out]
     fed = {label[bus] for bus in (*sources, *(i.bus for i in system.infinite_buses))}
