@@ -79,9 +79,13 @@ def build(
     online = np.array([[float(unit.name not in s.topology.machines_out) for unit in system.units] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
     magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
-    intervals = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
-    sources = [u.bus for of_sort in (system.machines, system.infinite_buses, system.inverters) for u in of_sort]
     large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
+    switched = [step.topology for step in steps]
+    topologies = [t for i, t in enumerate(switched) if t not in switched[:i]]  # some return, as after a fault
+    reduce: Any = sparse_network if large else reduce_network
+    networks = [reduce(system, ports.places, rotating.rows["admittance"], t, magnitude) for t in topologies]
+    networks = [networks[topologies.index(t)] for t in switched]
+    sources = [u.bus for of_sort in (system.machines, system.infinite_buses, system.inverters) for u in of_sort]
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=math.ceil(longest_step(system, installed) * NANOSECONDS - 1e-3),
@@ -104,8 +108,8 @@ def build(
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
         load_noise=load_noise.table({}, loads, len(loads)),
         oscillations=_oscillations(system, listed, loads, inverters.rows, every),
-        network=np.zeros((0, 0, 0), complex) if large else np.array([reduce_network(*part) for part in intervals]),
-        sparse_networks=Table([sparse_network(*part) for part in intervals] if large else []),
+        network=np.zeros((0, 0, 0), complex) if large else np.array(networks),
+        sparse_networks=Table(networks if large else []),
         pmu_machine=np.array([at.get(pmu.machine, -1) for pmu in system.pmus]),
     )
     n, many = len(installed), len(ports.rows)

@@ -13,6 +13,7 @@ exp(j (delta - pi/2)) in the network's frame. Powers and currents of the matrice
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 SWING = ["delta", "omega"]
 ROOT_STEPS = 100  # largest number of iterations
+MACHINES = 1024  # whose equations a process keeps
 
 MACHINE = np.dtype(
     [
@@ -203,19 +205,26 @@ class MachineStart(NamedTuple):
     power: float
 
 
+@lru_cache(maxsize=MACHINES)
+def _equations(m: Machine, base_power: float) -> tuple[RotorCircuits, NDArray[np.float64], NDArray[Any]]:
+    """What no operating point changes: circuits, their steady states for one p.u. of field voltage, and the row."""
+    c = rotor_circuits(m)
+    try:
+        return c, -solve(c.A, c.B[:, 2]), _row(m, c, base_power)
+    except np.linalg.LinAlgError as error:
+        text = "circuits without a steady state given; allowed: reactances of like size"
+        raise InputError(f"machines: {m.name}: {text}") from error
+
+
 def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, current: complex) -> MachineStart:
     """A machine's row and its steady-state states; `current` is on the machine's rating.
 
     Where the q axis does not saturate it is along V + (Ra + j Xq) I (Kundur 1994, 3.6.5); else it is where its circuits
     are in steady state. Raises `InputError` if no such angle is found.
     """
-    c = rotor_circuits(m)
-    try:
-        unit = -solve(c.A, c.B[:, 2])  # steady states for one p.u. of field voltage
-    except np.linalg.LinAlgError as error:
-        text = "circuits without a steady state given; allowed: reactances of like size"
-        raise InputError(f"machines: {m.name}: {text}") from error
-    row = _row(m, c, base_power, offset)
+    c, unit, constant = _equations(m, base_power)
+    row = constant.copy()
+    row["offset"] = offset
     xq = m.Xd1 if m.model == "classical" else m.Xq
     delta = phase(complex(voltage + times(complex(m.Ra, float(xq or 0.0)), current)))
     if row["saturation_B"] > 0 and not row["field_saturates"]:
@@ -293,12 +302,12 @@ def _saturated(row: NDArray[Any], psi: float) -> float:
     return b * beyond * beyond / psi
 
 
-def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArray[Any]:
-    """A row of MACHINE; the caller sets `column` and `salient`."""
+def _row(m: Machine, c: RotorCircuits, base_power: float) -> NDArray[Any]:
+    """A row of MACHINE; the callers set `offset`, `column` and `salient`."""
     row = np.zeros((), MACHINE)
     n, ratio = len(c.names), m.rating / base_power
     d, q = stator_reactances(m)
-    row["offset"], row["circuits"] = offset, n
+    row["circuits"] = n
     row["ratio"], row["H"], row["D"], row["Ra"], row["Xd"], row["Xq"] = ratio, m.H, m.D, m.Ra, d, q
     row["speed"], row["shaft"] = float(m.speed_voltage), float(m.speed_torque)
     row["admittance"] = over(ratio, complex(m.Ra, d))
