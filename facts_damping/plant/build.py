@@ -33,14 +33,15 @@ from facts_damping.plant.watchdog import initial_watch, line
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.compiling.structs import Float2
+    from facts_damping.compiling.structs import Complex1, Float2
     from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
+    from facts_damping.plant.grid.network import Topology
     from facts_damping.plant.rotating import Rotating
 
 LARGE = 100  # machines, infinite buses and ports, above which factors are faster than a dense matrix
@@ -79,13 +80,10 @@ def build(
     online = np.array([[float(unit.name not in s.topology.machines_out) for unit in system.units] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
     magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
-    large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
-    switched = [step.topology for step in steps]
-    topologies = [t for i, t in enumerate(switched) if t not in switched[:i]]  # some return, as after a fault
-    reduce: Any = sparse_network if large else reduce_network
-    networks = [reduce(system, ports.places, rotating.rows["admittance"], t, magnitude) for t in topologies]
-    networks = [networks[topologies.index(t)] for t in switched]
     sources = [u.bus for of_sort in (system.machines, system.infinite_buses, system.inverters) for u in of_sort]
+    large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
+    parts = system, ports.places, rotating.rows["admittance"]
+    networks = _networks(sparse_network if large else reduce_network, *parts, [s.topology for s in steps], magnitude)
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=math.ceil(longest_step(system, installed) * NANOSECONDS - 1e-3),
@@ -120,6 +118,22 @@ def build(
     if large:
         _settle(plant, state)
     return Built(plant, state, flow, states.names)
+
+
+def _networks(
+    reduce: Callable[..., Any],
+    system: System,
+    places: Sequence[Place],
+    norton: Complex1,
+    topologies: Sequence[Topology],
+    magnitude: dict[str, float],
+) -> list[Any]:
+    """The network of each interval; one that comes again, as after a fault, is computed once."""
+    networks: list[Any] = []
+    for i, topology in enumerate(topologies):
+        first = topologies.index(topology)
+        networks.append(networks[first] if first < i else reduce(system, places, norton, topology, magnitude))
+    return networks
 
 
 def _settle(plant: Plant, state: PlantState) -> None:
