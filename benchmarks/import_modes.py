@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from imports import pairs_of  # type: ignore[import-not-found]  # beside this file
+from imports import pairs_of
 
 from facts_damping.errors import InputError
 from facts_damping.output.tables import table

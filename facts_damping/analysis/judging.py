@@ -15,8 +15,9 @@ from facts_damping.analysis import forced
 from facts_damping.analysis.effort import saturation_duty
 from facts_damping.analysis.measures import inline_system
 from facts_damping.analysis.modes.ambient import fit_ambient
+from facts_damping.analysis.modes.oscillation import RESOLUTION
 from facts_damping.analysis.modes.ringdown import SKIP, fit_ringdown, interval
-from facts_damping.analysis.response import MIRROR, PULSE_END, noisy
+from facts_damping.analysis.response import PULSE_END, less_noise, noisy
 from facts_damping.analysis.verdict import DAMPED, FORCED, GROWING, LIMIT_CYCLE, UNDECIDED, Judgement, envelopes, judge
 
 if TYPE_CHECKING:
@@ -28,10 +29,12 @@ if TYPE_CHECKING:
 
 RESPONSE, RUN, AMBIENT, PULSE = "response", "run", "ambient noise", "response to a pulse"  # what a verdict is of
 CLEAR_DB = 10.0  # signal-to-residual ratio of a ringdown of a response that may decide
+ABOVE_DB = 10.0  # level of a response above what noise leaves in it, from which on it may be called undamped
 LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a setpoint at its limit; above, a loop is at its limits
 GROWN, END = 4.5, 4.0  # s: noise grows if its envelope in the last seconds is so many times that of the first half
 STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
 AT_LIMITS = "setpoints are at their limits to the end"
+DECAYS = "the modes of its response are damped"
 LOST_TWIN = "the twin of the run loses synchronism"
 
 
@@ -91,31 +94,41 @@ def _judge(
 def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limited: bool) -> Judged:
     """Judge a run by its response; without one, its twin has lost synchronism.
 
-    `ringdown`: gives that of the response; `limited`: setpoints are at their limits to the end. A loop at its limits,
-    or one that grows, is not the image of its mirror: then the run itself counts, where it grows or does not decay. It
-    counts as well if the noise in it grows, as after a change that is no event.
+    `ringdown`: gives that of the response; `limited`: setpoints are at their limits to the end. A loop at its limits is
+    not the image of its mirror: then the run itself counts, where it grows or does not decay. So it does if its noise
+    grows, as after a change that is no event.
     """
     ticks = len(swings.judged)
     t, swing = swings.time_s[:ticks], swings.own[:ticks]
-    judgement = None if swings.response is None else judge(t, swings.response, swings.last, swings.names, ringdown)
-    if judgement is None or limited or judgement.verdict == UNDECIDED:
+    if swings.response is None or limited:
         itself = judge(t, swing, swings.last, swings.names)
-        if itself.verdict in (GROWING, LIMIT_CYCLE) and (limited or judgement is None or not _decays(ringdown())):
+        if itself.verdict in (GROWING, LIMIT_CYCLE):
             return Judged(itself, RUN)
-    if judgement is None or limited:
         return Judged(itself._replace(verdict=UNDECIDED, because=AT_LIMITS if limited else LOST_TWIN), RUN)
-    if _is_open(judgement, swings) and _decays(ringdown()):
-        judgement = judgement._replace(verdict=DAMPED, because="the modes of its response are damped")
-    if judgement.verdict == DAMPED and (grows := _noise_grows(swings)) is not None:
+    judgement = judge(t, swings.response, swings.last, swings.names, ringdown)
+    if judgement.verdict != DAMPED and swings.quiet is not None:
+        judgement = _judge_less_noise(swings)
+    elif judgement.verdict == UNDECIDED and _decays(ringdown()):
+        judgement = judgement._replace(verdict=DAMPED, because=DECAYS)
+    if judgement.verdict in (DAMPED, UNDECIDED) and (grows := _noise_grows(swings)) is not None:
         return Judged(grows, RUN)
     return Judged(judgement, RESPONSE)
 
 
-def _is_open(judgement: Judgement, swings: Swings) -> bool:
-    """Whether a response is undecided, or steady with less than the noise of the run, of which a mirror leaves some."""
-    if judgement.verdict != LIMIT_CYCLE or swings.noise is None or swings.kind != MIRROR:
-        return judgement.verdict == UNDECIDED
-    return judgement.amplitude_pu < float(np.sqrt(2.0) * swings.noise.std(axis=0).max())
+def _judge_less_noise(swings: Swings) -> Judgement:
+    """The judgement of a response without what noise leaves in it; undecided if that is not much smaller."""
+    clear, left = less_noise(swings)
+    t, x = clear.time_s[: len(clear.judged)], clear.judged
+    fit = cache(lambda: fit_ringdown(t[: clear.ringing], x[: clear.ringing], clear.last))
+    judgement = judge(t, x, clear.last, clear.names, fit)
+    noise = float(np.sqrt(2.0) * left[t >= judgement.start_s].std(axis=0).max())
+    level = 20.0 * np.log10(max(judgement.amplitude_pu, RESOLUTION) / max(noise, RESOLUTION))
+    if judgement.verdict != DAMPED and level < ABOVE_DB:
+        because = f"the response is small beside the noise: {level:.0f} dB, {ABOVE_DB:g} dB are needed"
+        judgement = judgement._replace(verdict=UNDECIDED, because=because)
+    if judgement.verdict == UNDECIDED and _decays(fit()):
+        return judgement._replace(verdict=DAMPED, because=DECAYS)
+    return judgement
 
 
 def _noise_grows(swings: Swings) -> Judgement | None:

@@ -14,7 +14,7 @@ from facts_damping.analysis.modes.ringdown import SKIP
 from facts_damping.analysis.verdict import HANN, envelopes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
@@ -33,6 +33,7 @@ class Twin(NamedTuple):
 
     record: Record
     kind: str
+    quiet: Callable[[], tuple[Record, Record]] | None = None  # simulates run and mirror without events
 
 
 class Swings(NamedTuple):
@@ -50,6 +51,7 @@ class Swings(NamedTuple):
     noise: NDArray[np.float64] | None = None  # what is not the response
     pulse: NDArray[np.float64] | None = None  # the response to the twin's pulse, of a run without events
     kind: str | None = None  # of the twin
+    quiet: Callable[[], tuple[Record, Record]] | None = None  # simulates run and mirror without events
 
     @property
     def last(self) -> float:
@@ -91,7 +93,24 @@ def swings_of(
         return plain._replace(pulse=other - swing)
     response, noise = ((swing + other) / 2.0, (swing - other) / 2.0) if twin.kind == MIRROR else (swing - other, other)
     ringing = until_faded(record.time_s[:ticks], response, plain.last)
-    return plain._replace(response=response, noise=noise, ringing=ringing, kind=twin.kind)
+    return plain._replace(response=response, noise=noise, ringing=ringing, kind=twin.kind, quiet=twin.quiet)
+
+
+def less_noise(swings: Swings) -> tuple[Swings, NDArray[np.float64]]:
+    """Swings whose response is without what noise alone leaves in it, and that, (ticks, n), p.u.
+
+    With a mirror, noise cancels in first order. What is left, half the sum of run and mirror without events, is
+    subtracted; then an error in proportion to the event remains. Nothing changes if it loses synchronism.
+    """
+    pair = swings.quiet() if swings.quiet else ()
+    response = swings.judged
+    if not pair or not all(record.in_synchronism.all() for record in pair):
+        return swings, np.zeros_like(response)
+    first, second = (columns(speed_differences(record))[: len(response)] for record in pair)
+    left = (first + second) / 2.0
+    response = response - left
+    ringing = until_faded(swings.time_s[: len(response)], response, swings.last)
+    return swings._replace(response=response, ringing=ringing), left
 
 
 def shortened(swings: Swings, end: float) -> Swings:

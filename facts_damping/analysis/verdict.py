@@ -49,6 +49,8 @@ DEPTH = 0.2  # least change of the logarithm by a bend
 WIDER = 1.5  # factor on the correlation time of the residuals, which a fit shortens
 FREE = 0.9  # degrees of freedom, at least
 STEADY, WIDEST = 0.7, 2.0  # of the logarithm, factors of 2 and 7: see `judge`
+DRIFTS = "it drifts: no swing grows"
+SLOW = 3  # spectral lines, of up to two periods in the length: a real eigenvalue, not a swing
 TONE = 0.3  # least fraction of the energy in three neighbouring spectral lines; less is noise, not an oscillation
 
 
@@ -178,7 +180,7 @@ def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
     if growth.high < 0.0:
         return Judgement(DAMPED, "it decays", growth, start, size)
     if growth.low > 0.0:
-        return Judgement(GROWING, "it grows", growth, start, size)
+        return Judgement(GROWING, DRIFTS if _drifts(rest, part.dt) else "it grows", growth, start, size)
     may = max(-growth.low, growth.high) * length
     seen = max(float(np.ptp(np.log(part.sizes[first:]))), 2 * abs(growth.value) * length)
     if may > STEADY and (seen > STEADY or may > WIDEST):
@@ -276,9 +278,19 @@ def _straight(t: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, ND
     return slope, np.asarray(y - y.mean() - slope * u)
 
 
-def _tone(x: NDArray[np.float64], dt: float) -> float:
-    """Fraction of a signal's energy, without its line, in the three strongest neighbouring spectral lines."""
+def _spectrum(x: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+    """Fractions of a signal's energy, without its line, by spectral line."""
     samples = block_means(x[:, np.newaxis], dt)[0][:, 0]
     rest = _straight(np.arange(len(samples), dtype=float), samples)[1]
     power = np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) ** 2
-    return float(np.convolve(power, np.ones(3)).max() / power.sum())
+    return np.asarray(power / power.sum())
+
+
+def _tone(x: NDArray[np.float64], dt: float) -> float:
+    """Fraction of a signal's energy in the three strongest neighbouring spectral lines."""
+    return float(np.convolve(_spectrum(x, dt), np.ones(3)).max())
+
+
+def _drifts(x: NDArray[np.float64], dt: float) -> bool:
+    """Whether most of a signal's energy is slower than two periods in its length."""
+    return bool(_spectrum(x, dt)[:SLOW].sum() > 0.5)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from facts_damping.devices import exciter_input, hvdc, inverter_input, load_modulation, sssc, statcom, svc
+from facts_damping.devices import exciter_input, hvdc, inverter_input, load_modulation, sssc, statcom
 from facts_damping.devices.base import DeviceModel
 from facts_damping.devices.kind import DeviceKind
 from facts_damping.errors import InputError
@@ -11,7 +11,6 @@ from facts_damping.extensions import rows
 KINDS: dict[str, DeviceKind] = {
     "sssc": sssc.ROW,
     "statcom": statcom.ROW,
-    "svc": svc.ROW,
     "hvdc": hvdc.ROW,
     "load_modulation": load_modulation.ROW,
     "exciter_input": exciter_input.ROW,

@@ -15,6 +15,7 @@ It has
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 from facts_damping.analysis.response import MIRROR, OUTAGE, PULSE_END, PULSED, WITHOUT_EVENTS, Twin, noisy
@@ -29,11 +30,11 @@ from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.loop import build_loop, run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from facts_damping.case.model import Case
     from facts_damping.plant.events import TopologyInterval
-    from facts_damping.record import Record
+    from facts_damping.record import Record, RunChange
     from facts_damping.simulation.tick import Loop
 
     Grid = tuple[Topology, dict[str, float], dict[str, float]]
@@ -119,11 +120,22 @@ def twin(case: Case, record: Record, kind: str | None = None) -> Twin | None:
     if not noisy(record.configuration):
         return None
     kind = kind or kind_of_twin(case, record)
-    other = OTHERS[kind](case)
-    if record.changes:
-        loop = build_loop(other)
-        return Twin(rerun(other, record.changes, mirrored(loop) if kind == MIRROR else loop), kind)
-    return Twin(run(other, mirrored if kind == MIRROR else None), kind)
+    other = _again(OTHERS[kind](case), record.changes, mirror=kind == MIRROR)
+    return Twin(other, kind, cache(partial(_quiet, case, record.changes)) if kind == MIRROR else None)
+
+
+def _quiet(case: Case, changes: Sequence[RunChange]) -> tuple[Record, Record]:
+    """A run and its mirror without events."""
+    quiet, others = without_events(case), [change for change in changes if change.kind not in EVENTS]
+    return _again(quiet, others), _again(quiet, others, mirror=True)
+
+
+def _again(case: Case, changes: Sequence[RunChange], *, mirror: bool = False) -> Record:
+    """A run with recorded changes."""
+    if not changes:
+        return run(case, mirrored if mirror else None)
+    loop = build_loop(case)
+    return rerun(case, changes, mirrored(loop) if mirror else loop)
 
 
 OTHERS: dict[str, Callable[[Case], Case]] = {

@@ -47,13 +47,17 @@ def pair(swing_record: Callable[..., Record]) -> Callable[..., tuple[Record, Twi
     """A run and its twin: a response, and noise, as a speed difference."""
 
     def make(
-        response: np.ndarray[Any, Any], disturbance: np.ndarray[Any, Any], *, mirror: bool = False
+        response: np.ndarray[Any, Any],
+        disturbance: np.ndarray[Any, Any],
+        *,
+        mirror: bool = False,
+        left: np.ndarray[Any, Any] | float = 0.0,  # by the noise in both
     ) -> tuple[Record, Twin]:
         records = []
         for event, sign in ((1.0, 1.0), (1.0, -1.0) if mirror else (0.0, 1.0)):
             record = swing_record(ticks=len(T), events=EVENT)
             record.configuration["load_noise"] = {"std": 0.01}
-            moved = event * response + sign * disturbance
+            moved = event * response + sign * disturbance + left
             record.frames[:, :2, 2] = np.column_stack([moved, 0.0 * T])
             record.machines["speed_deviation"] = record.frames[:, :2, 2]
             records.append(record)
@@ -96,6 +100,16 @@ def test_mirror_that_loses_synchronism_leaves_the_verdict_to_the_run(pair: Any) 
     twin.record.in_synchronism[-1] = False
     summary = summarise(calm, twin=twin)
     assert (summary.verdict, summary.verdict_because) == ("undecided", LOST_TWIN)
+
+
+@pytest.mark.parametrize(("left", "verdict"), [(1e-5, "growing"), (5e-3, "undecided")])
+def test_response_that_grows_counts_if_noise_alone_leaves_far_less(pair: Any, left: float, verdict: str) -> None:
+    """What noise leaves in a mirror is in the run with the event as in that without."""
+    record, twin = pair(swing(0.04), noise(6), mirror=True, left=noise(5, left))
+    quiet, mirror = pair(0.0 * T, noise(6), mirror=True, left=noise(5, left))
+    summary = summarise(record, twin=twin._replace(quiet=lambda: (quiet, mirror.record)))
+    assert (summary.verdict, summary.verdict_of) == (verdict, RESPONSE)
+    assert ("small beside the noise" in str(summary.verdict_because)) == (verdict == "undecided")
 
 
 def test_mirror_that_is_shorter_is_compared_as_far_as_it_goes(pair: Any) -> None:

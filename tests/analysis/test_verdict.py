@@ -51,6 +51,14 @@ def test_decay_is_damped_growth_is_growing(sigma: float, frequency: float, phase
             assert judgement.growth.low <= sign * sigma <= judgement.growth.high
 
 
+@pytest.mark.parametrize("rate", [0.11, 0.2])
+def test_real_eigenvalue_that_grows_is_drift_and_a_swing_is_not(rate: float) -> None:
+    drift = np.where(LONG < 1.0, 0.0, 1e-4 * (np.exp(rate * (LONG - 1.0)) - 1.0))
+    judgement = judge(LONG, drift + wave(-0.4, t=LONG), 1.0)
+    assert (judgement.verdict, judgement.because) == (GROWING, "it drifts: no swing grows")
+    assert judge(LONG, wave(rate, t=LONG), 1.0).because == "it grows"
+
+
 @given(frequency=FREQUENCY, phase=PHASE)
 @FEW
 def test_steady_wave_is_a_limit_cycle(frequency: float, phase: float) -> None:

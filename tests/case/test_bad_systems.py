@@ -127,7 +127,7 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
     "device of no kind": (
         "two_area",
         {"devices.1.kind": "upfc"},
-        "kind: 'upfc' given; allowed: 'sssc', 'statcom', 'svc'",
+        "kind: 'upfc' given; allowed: 'sssc', 'statcom', 'hvdc'",
     ),
     "negative inertia": ("two_area", {"machines.0.H": -6.5}, "machines.0.H: -6.5 given; allowed: greater than 0"),
     "no inertia": ("two_area", {"machines.0.H": 0.0}, "machines.0.H: 0.0 given; allowed: greater than 0"),

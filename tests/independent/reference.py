@@ -20,9 +20,9 @@ from facts_damping.devices.inverter_input import InverterInput
 from facts_damping.devices.load_modulation import LoadModulation
 from facts_damping.devices.sssc import Sssc
 from facts_damping.devices.statcom import Statcom
-from facts_damping.devices.svc import Svc
 from facts_damping.parameters.plant.placement import place
 from facts_damping_library.devices.bess import Bess
+from facts_damping_library.devices.svc import Svc
 from facts_damping_library.devices.tcsc import Tcsc
 
 from .reference_controls import Damper, Turbine, exciter_of

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from facts_damping.devices.load_modulation import LoadModulation
     from facts_damping.devices.sssc import Sssc
     from facts_damping.devices.statcom import Statcom
-    from facts_damping.devices.svc import Svc
     from facts_damping_library.devices.bess import Bess
+    from facts_damping_library.devices.svc import Svc
     from facts_damping_library.devices.tcsc import Tcsc
 
     Values = list[float]

@@ -11,7 +11,7 @@ from scipy.optimize import root
 
 from facts_damping.devices.sssc import Sssc
 from facts_damping.devices.statcom import Statcom
-from facts_damping.devices.svc import Svc
+from facts_damping_library.devices.svc import Svc
 
 from .reference_grid import Array, Complex, Grid, Stage
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.response import MIRROR, OUTAGE, PULSED, WITHOUT_EVENTS, swings_of
+from facts_damping.analysis.response import MIRROR, OUTAGE, PULSED, WITHOUT_EVENTS, less_noise, swings_of
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.case.supervision import unsupervised
@@ -50,6 +50,32 @@ def test_twin_of_a_run_with_a_line_outage_begins_without_the_line() -> None:
     late = record.time_s > 17.0
     assert np.abs(swings.response[late]).max() < 0.2 * np.abs(swings.own[late]).max()
     assert swings.indices is None  # the twin's own trip is in it
+
+
+STEP = "scenario=[{time: 2.0, kind: load_step, load: load_1, change: %s}]"
+WRONG_SIGN = ["controllers.0.name=LLC", "controllers.0.parameters.gain=-20"]
+
+
+@pytest.mark.parametrize("size", [0.005, 0.1])
+def test_response_with_a_mirror_is_free_of_noise_whatever_the_size_of_the_event(size: float) -> None:
+    """What remains of noise is in proportion to the event: beside the response without noise, some percent."""
+    sets = ["duration=12", *SETS[1:], "controllers=[]", STEP % size]
+    case = load_case("two_area_deployment", sets)
+    record = loop.run(case)
+    clear, left = less_noise(swings_of(record, twin(case, record)))
+    quiet = speeds(loop.run(load_case("two_area_deployment", [*sets, "load_noise=null", "measurement.noise={}"])))
+    error = np.abs(clear.judged - quiet).max() / np.abs(quiet).max()
+    assert error < 0.05
+    assert np.abs(left).max() > 0.02 * 0.005 / size * np.abs(quiet).max()
+
+
+@pytest.mark.parametrize("seed", [4, 7, 11])
+@pytest.mark.parametrize("sets", [["controllers=[]"], ["controllers=[{name: ANFBsC, scheme: direct}]"], WRONG_SIGN])
+def test_small_event_in_noise_is_not_judged_by_the_noise(sets: list[str], seed: int) -> None:
+    case = load_case("two_area_deployment", ["duration=30", *SETS[1:], *sets, STEP % 0.005, f"seed={seed}"])
+    record = loop.run(case)
+    verdict = summarise(record, method=None, twin=twin_of(record)).verdict
+    assert verdict in (("growing", "lost synchronism") if sets == WRONG_SIGN else ("damped", "undecided"))
 
 
 def test_without_noise_there_is_none() -> None:

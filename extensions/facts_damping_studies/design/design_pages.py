@@ -15,6 +15,7 @@ from facts_damping.small_signal.modal_tables import figures
 from facts_damping_grids.text import rows_text
 from facts_damping_studies.design.design import LONGEST_S, PLACES, SIGNALS, maximum
 from facts_damping_studies.design.places import FLOW, FREQUENCY, SPEED
+from facts_damping_studies.margins.delay_margin import DRIFT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -163,10 +164,17 @@ def design_text(design: Design) -> Iterator[str]:
     yield from _indented(table(["Hz", "damping ratio", "Hz", "damping ratio"], rows, left=0, rule=False))
     yield f"stable, linear, sampled and held: {_stable(design.stable)}"
     if tuned.growing is not None:
-        rate = f"{tuned.growing.eigenvalue.real:.4f} 1/s"
-        yield f"without control a mode of {mode_name(tuned.growing)} grows ({rate}): the grid itself is unstable"
+        yield f"without control {grows(tuned.growing)}"
     for name, scenario in design.scenarios.items():
         yield f"scenario {name}: {scenario['description']}"
+
+
+def grows(mode: Eigenmode) -> str:
+    """What an unstable mode of the grid does: a swing grows, or with a real eigenvalue the frequency drifts."""
+    rate = f"{mode.eigenvalue.real:.4f} 1/s"
+    if mode.frequency_hz < DRIFT:
+        return f"the grid drifts ({rate}, a real eigenvalue): no swing grows"
+    return f"a mode of {mode_name(mode)} grows ({rate}): the grid itself is unstable"
 
 
 def _stable(around: Around | None) -> str:

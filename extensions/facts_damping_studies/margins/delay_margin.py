@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 STEP = 0.005  # s, spacing of the delays, in addition to whole frames; narrower unstable intervals may be missed
 EXACT = 1e-6  # s, accuracy of a margin
+DRIFT = 1e-3  # Hz, below which an eigenvalue counts as real
 STILL = 1e-6  # 1/s: slower growth counts as zero, such as that of an integrator without feedback
 FASTEST = 2.0 * np.pi * 10.0  # 1/s: modes above 10 Hz are not followed
 LOST = 0.5  # largest relative change of eigenvalue, and of shape, between two delays for the same mode

@@ -13,6 +13,7 @@ from facts_damping.output.picture_files import save_picture
 from facts_damping.plant.grid import power_flow
 from facts_damping.small_signal.modal_tables import figures
 from facts_damping_studies.margins.criteria import CRITERIA
+from facts_damping_studies.margins.delay_margin import DRIFT
 from facts_damping_studies.parameters import DAMPING_RATIO
 
 if TYPE_CHECKING:
@@ -77,7 +78,8 @@ def margin_text(margin: Margin, beside: Beside | None) -> Iterator[str]:
         yield f"delay: from measurement to device, of the shortest link; the links are longer than that by {longer}"
     limit = _limit(margin.margin, longest)
     if margin.critical is not None:
-        limit += f": there a mode of {margin.critical.frequency_hz:.3f} Hz grows"
+        hertz = margin.critical.frequency_hz
+        limit += f": there {f'a mode of {hertz:.3f} Hz grows' if hertz > DRIFT else 'a real eigenvalue grows: drift'}"
     yield f"\ndelay margin, linear, sampled and held      {limit}"
     for name, value in margin.pade.items():
         yield f"{f'  with a Pade term, {PADE[name]}':<43} {_limit(value, longest)}"

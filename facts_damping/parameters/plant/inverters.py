@@ -78,12 +78,15 @@ class Meter(NamedTuple):
     branches: list[str]
 
 
-def _models(role: str, base: type) -> dict[str, Any]:
-    return {
-        name: create_model(name, __base__=base, __doc__=f"{row.text}.", **block_fields(name))
+def _models(role: str, base: type, suffix: str = "") -> dict[str, Any]:
+    """Models by name; they are in this module, where pickle looks for them, by name and suffix."""
+    models: dict[str, Any] = {
+        name: create_model(name + suffix, __base__=base, __doc__=f"{row.text}.", **block_fields(name))
         for name, row in MODELS.items()
         if row.role == role
     }
+    globals().update({model.__name__: model for model in models.values()})
+    return models
 
 
 INVERTERS: dict[str, Any] = _models("inverter", InverterModel)
@@ -104,5 +107,5 @@ else:
 
     Inverter, InverterControl = _one_of(INVERTERS, InverterModel), _one_of(CONTROLS, InverterControlModel)
     # Without the place: of shares of machines.
-    Constants = _one_of(_models("inverter", BlockModel), BlockModel)
-    ControlConstants = _one_of(_models("inverter_control", ControlModel), ControlModel)
+    Constants = _one_of(_models("inverter", BlockModel, "Constants"), BlockModel)
+    ControlConstants = _one_of(_models("inverter_control", ControlModel, "Constants"), ControlModel)

@@ -265,6 +265,7 @@ def _block_control(name: str) -> Any:
 BLOCK_CONTROLS: dict[str, Any] = {
     name: _block_control(name) for name, row in MODELS.items() if row.role in ("exciter", "stabiliser", "governor")
 }
+globals().update(BLOCK_CONTROLS)  # where pickle looks for them
 
 if TYPE_CHECKING:
     Exciter = StaticExciter | DcExciter
