@@ -103,15 +103,6 @@ def test_addresses_of_earlier_versions_lead_to_a_page(site: Path) -> None:
         assert f"../{new}/" in page if new != "index" else "url=.." in page, old
 
 
-def test_numbers_of_the_picture_in_readme_are_those_of_its_runs() -> None:
-    """The runs of the Python snippet, whose output tests/test_commands.py compares, are those of `make demo`."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    caption = re.search(r"^\*A fault trips.*?\*$", text, re.MULTILINE | re.DOTALL)
-    assert caption
-    percent = re.findall(r"without control [\d.]+: (\d+) % less", text)[:2]
-    assert re.findall(r"(\d+) %", caption[0]) == percent
-
-
 def test_page_loads_nothing_from_other_hosts(site: Path) -> None:
     text = (site / "index.html").read_text(encoding="utf-8")
     assert not re.search(r'<(script|link|img)[^>]+(src|href)="https?://(?!.*rel="canonical")', text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import pickle
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -142,6 +143,13 @@ def test_document_of_a_run_is_a_run_by_itself(name: str, tmp_path: Path) -> None
     assert again.document() == case.document()
     assert again.summary() == case.summary()
     assert (again.system, again.scenario.events, again.link) == (case.system, case.scenario.events, case.link)
+
+
+@pytest.mark.parametrize("name", ["two_area_ibr", "minniwecc", "wecc_240"])
+def test_systems_pass_to_other_processes(name: str) -> None:
+    """Models of block controls are made from tables, but pickle finds them by name."""
+    system = load_system(name)
+    assert pickle.loads(pickle.dumps(system)) == system
 
 
 @pytest.mark.parametrize("name", shipped("systems"))

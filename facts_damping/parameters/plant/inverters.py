@@ -79,13 +79,13 @@ class Meter(NamedTuple):
 
 
 def _models(role: str, base: type, suffix: str = "") -> dict[str, Any]:
-    """Models by name; they are in this module, where pickle looks for them, by name and suffix."""
-    models: dict[str, Any] = {
-        name: create_model(name + suffix, __base__=base, __doc__=f"{row.text}.", **block_fields(name))
-        for name, row in MODELS.items()
-        if row.role == role
-    }
-    globals().update({model.__name__: model for model in models.values()})
+    """Models by name; pickle looks for them in this module, by name and suffix."""
+    models: dict[str, Any] = {}
+    for name, row in MODELS.items():
+        if row.role == role:
+            models[name] = create_model(name, __base__=base, __doc__=f"{row.text}.", **block_fields(name))
+            models[name].__qualname__ = name + suffix
+    globals().update({model.__qualname__: model for model in models.values()})
     return models
 
 
