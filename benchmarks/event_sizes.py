@@ -25,6 +25,7 @@ from facts_damping.errors import FactsDampingError
 from facts_damping.output.tables import table
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of
+from facts_damping.small_signal import modal_tables
 from facts_damping_studies.pages import as_csv
 
 SIZES = (0.005, 0.01, 0.02, 0.05, 0.1, 0.3)  # of the load
@@ -57,12 +58,14 @@ class Loop(NamedTuple):
 
 
 def measured(run: str, sets: tuple[str, ...]) -> Loop:
-    """A loop with its linear growth and damping, of swings: a real eigenvalue is drift."""
+    """A loop with growth and damping of its swings; of no kind if it drifts as fast."""
     name = f"{run} {sets}"
     ROWS[name] = Row(run, sets)
-    modes = truth(name, DELAY)[1]
+    largest, modes = truth(name, DELAY)
+    case = load_case(run, list(sets))
+    drift = max(mode.eigenvalue.real for mode in modal_tables.analyse(case.system, case.run.devices).modes)
     growth = max(-damping * 2 * math.pi * hertz / math.sqrt(1 - damping**2) for damping, hertz in modes)
-    kind = "sound" if modes[0][0] >= SOUND else "growing" if growth > GROWS else None
+    kind = "growing" if growth > GROWS else "sound" if modes[0][0] >= SOUND and max(largest, drift) < GROWS else None
     return Loop(run, sets, kind, growth, modes[0][0])
 
 
