@@ -34,6 +34,7 @@ LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a setpoint at its
 GROWN, END = 4.5, 4.0  # s: noise grows if its envelope in the last seconds is so many times that of the first half
 STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
 AT_LIMITS = "setpoints are at their limits to the end"
+SMALL = "the response is small beside the noise"
 DECAYS = "the modes of its response are damped"
 LOST_TWIN = "the twin of the run loses synchronism"
 
@@ -60,7 +61,8 @@ def judge_run(
     duty = saturation_duty(record, max(swings.last, swings.time_s[-1] - LAST), swings.time_s[-1])
     limited = max(duty.values(), default=0.0) > LIMITED
     judged = _judge(record, twin, swings, ringdown, noise, limited=limited)
-    if limited or judged.judgement.verdict == DAMPED or judged.of == PULSE:
+    small = judged.judgement.because.startswith(SMALL)  # a source is an event, so that its response is not
+    if limited or small or judged.judgement.verdict == DAMPED or judged.of == PULSE:
         return judged
     for x in (swings.own,) if swings.response is None else (swings.response, swings.own):
         origin = forced.origin(swings.time_s[: len(x)], x, swings.last)
@@ -124,7 +126,7 @@ def _judge_less_noise(swings: Swings) -> Judgement:
     noise = float(np.sqrt(2.0) * left[t >= judgement.start_s].std(axis=0).max())
     level = 20.0 * np.log10(max(judgement.amplitude_pu, RESOLUTION) / max(noise, RESOLUTION))
     if judgement.verdict != DAMPED and level < ABOVE_DB:
-        because = f"the response is small beside the noise: {level:.0f} dB, {ABOVE_DB:g} dB are needed"
+        because = f"{SMALL}: {level:.0f} dB, {ABOVE_DB:g} dB are needed"
         judgement = judgement._replace(verdict=UNDECIDED, because=because)
     if judgement.verdict == UNDECIDED and _decays(fit()):
         return judgement._replace(verdict=DAMPED, because=DECAYS)
