@@ -16,8 +16,8 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
-from scipy.stats import binomtest
-from verdicts import BARE, FREE, GROWS, LOADS, ROWS, SOUND, Row, truth
+from forced import wilson
+from verdicts import BARE, GROWS, LOADS, SOUND, Row, sets_of, truth
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
@@ -59,9 +59,7 @@ class Loop(NamedTuple):
 
 def measured(run: str, sets: tuple[str, ...]) -> Loop:
     """A loop with growth and damping of its swings; of no kind if it drifts as fast."""
-    name = f"{run} {sets}"
-    ROWS[name] = Row(run, sets)
-    largest, modes = truth(name, DELAY)
+    largest, modes = truth(Row(run, sets), DELAY)
     case = load_case(run, list(sets))
     drift = max(mode.eigenvalue.real for mode in modal_tables.analyse(case.system, case.run.devices).modes)
     growth = max(-damping * 2 * math.pi * hertz / math.sqrt(1 - damping**2) for damping, hertz in modes)
@@ -78,7 +76,7 @@ def loops(files: list[str]) -> dict[str, Loop]:
     noise = (*BARE, DURATION, LOADS, "measurement=p_class")
     for file in files:
         name, gain = Path(file).parent.name, load_case(file).controllers[0].parameters["gain"]
-        rows[f"{name}, no control"] = measured(file, (*noise, FREE[-1]))
+        rows[f"{name}, no control"] = measured(file, (*noise, "controllers=[]"))
         rows[f"{name}, designed"] = measured(file, noise)
         for factor in FACTORS:
             wrong = measured(file, (*noise, f"controllers.0.parameters.gain={factor * float(str(gain))}"))
@@ -91,8 +89,7 @@ def loops(files: list[str]) -> dict[str, Loop]:
 def verdict(task: tuple[Loop, float, int]) -> str:
     """The verdict of a run with a load step; seed 0: without noise."""
     row, size, seed = task
-    link = f"link={{up: [{{model: constant, delay: {DELAY}}}], down: []}}"
-    sets = [*row.sets, link, *([f"seed={seed}"] if seed else QUIET)]
+    sets = [*sets_of(Row(row.run, row.sets), DELAY), *([f"seed={seed}"] if seed else QUIET)]
     load = load_case(row.run, sets).system.loads[0].name
     step = f"scenario=[{{time: 2.0, kind: load_step, load: {load}, change: {size}}}]"
     try:
@@ -110,14 +107,6 @@ def batched(values: list[str], many: int) -> list[list[str]]:
 def shown(counts: Counter[str]) -> list[str]:
     """Counts of the verdicts."""
     return [str(counts[name]) for name in VERDICTS]
-
-
-def rate(part: int, whole: int) -> str:
-    """A part in percent with its 95 % interval."""
-    if not whole:
-        return "-"
-    low, high = binomtest(part, whole).proportion_ci(method="wilson")
-    return f"{100 * part / whole:.1f} ({100 * low:.1f}, {100 * high:.1f})"
 
 
 def main(first: int, seeds: int, files: list[str], out: Path) -> None:
@@ -147,8 +136,10 @@ def main(first: int, seeds: int, files: list[str], out: Path) -> None:
         judged = counts.total() - counts["undecided"]
         wrong = counts["damped"] if kind == "growing" else judged - counts["damped"]
         whole = judged if kind == "growing" else counts.total()
-        summary.append([kind, f"{100 * size:g}", str(counts.total()), *shown(counts), rate(wrong, whole)])
-    print("\n".join(table(["loop", "step %", "runs", *VERDICTS, "wrong %"], summary, left=1)))
+        summary.append(
+            [kind, f"{100 * size:g}", str(counts.total()), *shown(counts), wilson(wrong, whole) if whole else "-"]
+        )
+    print("\n".join(table(["loop", "step %", "runs", *VERDICTS, "wrong"], summary, left=1)))
 
 
 if __name__ == "__main__":

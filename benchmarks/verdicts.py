@@ -144,9 +144,8 @@ def sets_of(row: Row, delay: float, linear: bool = False) -> list[str]:
     return [*row.sets, link, *((row.linear or ()) if linear else ())]
 
 
-def truth(name: str, delay: float) -> tuple[float, list[tuple[float, float]]]:
+def truth(row: Row, delay: float) -> tuple[float, list[tuple[float, float]]]:
     """Growth rate (1/s) of the linear loop, and damping ratio and frequency (Hz) of its modes, the lowest first."""
-    row = ROWS[name]
     case = unsupervised(load_case(row.run, sets_of(row, delay, linear=True)))
     if case.controllers:
         delayed = delayed_loop(case)
@@ -213,7 +212,7 @@ def main(first: int, names: list[str], out: Path) -> None:
     table, failed, errors = [], [], []
     for name, delay in chosen:
         of_row = [response for response in responses if (response.name, response.delay) == (name, delay)]
-        growth, modes = truth(name, delay)
+        growth, modes = truth(ROWS[name], delay)
         kind = "sound" if modes[0][0] >= SOUND and growth < 0 else "grows" if growth > GROWS else None
         if kind:
             counted[kind] += of_row

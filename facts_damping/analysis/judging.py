@@ -35,7 +35,6 @@ GROWN, END = 4.5, 4.0  # s: noise grows if its envelope in the last seconds is s
 STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
 AT_LIMITS = "setpoints are at their limits to the end"
 SMALL = "the response is small beside the noise"
-DECAYS = "the modes of its response are damped"
 LOST_TWIN = "the twin of the run loses synchronism"
 
 
@@ -109,16 +108,16 @@ def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limite
         return Judged(itself._replace(verdict=UNDECIDED, because=AT_LIMITS if limited else LOST_TWIN), RUN)
     judgement = judge(t, swings.response, swings.last, swings.names, ringdown)
     if judgement.verdict != DAMPED and swings.quiet is not None:
-        judgement = _judge_less_noise(swings)
-    elif judgement.verdict == UNDECIDED and _decays(ringdown()):
-        judgement = judgement._replace(verdict=DAMPED, because=DECAYS)
+        judgement, ringdown = _judge_less_noise(swings)
+    if judgement.verdict == UNDECIDED and _decays(ringdown()):
+        judgement = judgement._replace(verdict=DAMPED, because="the modes of its response are damped")
     if judgement.verdict in (DAMPED, UNDECIDED) and (grows := _noise_grows(swings)) is not None:
         return Judged(grows, RUN)
     return Judged(judgement, RESPONSE)
 
 
-def _judge_less_noise(swings: Swings) -> Judgement:
-    """The judgement of a response without what noise leaves in it; undecided if that is not much smaller."""
+def _judge_less_noise(swings: Swings) -> tuple[Judgement, Callable[[], Fit | None]]:
+    """Judgement and ringdown of a response without what noise leaves in it; undecided if that is not much smaller."""
     clear, left = less_noise(swings)
     t, x = clear.time_s[: len(clear.judged)], clear.judged
     fit = cache(lambda: fit_ringdown(t[: clear.ringing], x[: clear.ringing], clear.last))
@@ -128,9 +127,7 @@ def _judge_less_noise(swings: Swings) -> Judgement:
     if judgement.verdict != DAMPED and level < ABOVE_DB:
         because = f"{SMALL}: {level:.0f} dB, {ABOVE_DB:g} dB are needed"
         judgement = judgement._replace(verdict=UNDECIDED, because=because)
-    if judgement.verdict == UNDECIDED and _decays(fit()):
-        return judgement._replace(verdict=DAMPED, because=DECAYS)
-    return judgement
+    return judgement, fit
 
 
 def _noise_grows(swings: Swings) -> Judgement | None:
