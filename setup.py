@@ -20,7 +20,7 @@ WINGS = {
     wing: f"{NAME}_{wing}"
     for wing in ("grids", "gym", "library", "streams", "studies", "testing", "validation", "views")
 }
-DEVICES = ("bess", "csvgn1", "svc", "tcsc")  # kinds that the library adds
+DEVICES = ("bess", "csvgn1", "exciter_input", "inverter_input", "svc", "tcsc")  # kinds that the library adds
 
 # Wheels of ROS 2 by distribution: what runs, then what builds msg_defs, of which several are needed by others without
 # being declared there. They install modules of the same names, so an environment holds one distribution.

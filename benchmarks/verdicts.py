@@ -19,12 +19,12 @@ import numpy as np
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
-from facts_damping.case.supervision import unsupervised
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of
 from facts_damping.small_signal import modal_tables
 from facts_damping_studies.margins.delay_margin import oscillations
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
+from facts_damping_studies.margins.unsupervised import unsupervised
 from facts_damping_studies.pages import as_csv
 
 SOUND, GROWS = 0.01, 0.05  # damping ratio; 1/s

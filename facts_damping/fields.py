@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
 Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$")]
+LawName = Annotated[str, StringConstraints(min_length=1, max_length=99, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+@-]*$")]
 
 SCALES = {  # of units that may stand with a number, by the unit in which a field has it
     "s": {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0},

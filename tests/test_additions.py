@@ -222,7 +222,7 @@ def test_commands_take_the_added_parts(carried: Carried, name: str) -> None:
 
 def test_added_controllers_are_listed(carried: Carried) -> None:
     assert {"proportional", "ANFShMoC"} <= {
-        line.split()[0] for line in carried.told["list controllers"].out.splitlines()
+        line.partition(" ")[0] for line in carried.told["list controllers"].out.splitlines()
     }
 
 

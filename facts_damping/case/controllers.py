@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from facts_damping.case.linear_laws import with_law
 from facts_damping.case.links import mean_delays
+from facts_damping.case.tuned import law, tuned
 from facts_damping.control import bank, identifier_model
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.parameter_tables import RENAMED, Parameter, Value
-from facts_damping.control.table import defaults, kind, kind_of
+from facts_damping.control.table import defaults, kind_name, kind_of
 from facts_damping.input_files import is_file
 from facts_damping.parameters import files
 from facts_damping.parameters.field_errors import FieldError, check, check_known, of_field, worded
 from facts_damping.parameters.profile import DEFAULT_PROFILE
-from facts_damping.parameters.run import Controller, Tuned, Weights
+from facts_damping.parameters.run import Controller, Weights
 
 if TYPE_CHECKING:
     from facts_damping.parameters.link import Link
     from facts_damping.parameters.plant.system import System
 
 DEFAULTS_FOR = ("smib", "two_area", "two_area_governed")  # the thesis's systems, which the defaults are for
+USUAL = Controller()
 SPAN = 6.0  # default `identifier_span`, frames, of a predicting identifier: one value cannot show an oscillation
 
 
@@ -38,52 +40,70 @@ def filled(
 ) -> Controller:
     """A controller with scheme, all parameters, weights and law; given parameters override tuned, tuned the defaults.
 
+    Its name becomes that of its tuned law, `KIND@FILE`, if nothing of this law is changed.
     `latency`: s, of the PMUs' filter; `measurement`: its name; `tuning`: the profile of the tuned parameters.
     """
-    name = controller.name
+    name, laws = kind_name(controller.name), law(controller, system.name, f"{here}.name")
+    if len(laws) == 1:
+        (only,) = laws.values()
+        controller = controller.model_copy(update={"scheme": only.scheme, "policy": only.policy or controller.policy})
     with of_field(f"{here}.name"):
         row = kind_of(controller, f"{here}.name")
     controller = with_law(controller, f"{here}.linear", frame_rate)
     if row.network is None and controller.scheme is not None:
         raise FieldError(f"{here}.scheme", f"'{controller.scheme}' given; allowed: none for {name}")
     scheme = None if row.network is None else controller.scheme or "indirect"
-    if not row.compensates and controller.compensation != "none":
-        reason = "is designed for its delay already" if row.design else "has no parameters for it"
-        problem = f"'{controller.compensation}' given"
-        raise FieldError(f"{here}.compensation", f"{problem}; allowed: none for {name}, which {reason}")
-    if controller.compensation in OF_IDENTIFIERS and scheme != "indirect":
-        compensations = f"{', '.join(COMPENSATIONS)} for {name}{f' {scheme}' if scheme else ''}"
-        allowed = f"{compensations}, or an indirect controller, whose identifier predicts"
-        raise FieldError(f"{here}.compensation", f"'{controller.compensation}' given; allowed: {allowed}")
+    _check_compensation(controller, scheme, f"{here}.compensation")
     counts = sizes(controller)
     for parameter, value in () if row.program or row.node else controller.parameters.items():
         check_parameter(f"{here}.parameters.{parameter}", parameter, value, row.parameters, counts)
-    ports = controller.signals, controller.devices
-    known = tuned(system.name, *ports, measurement, tuning, controller.compensation)
-    if name == "LLC-tuned" and (name, None) not in known and not controller.parameters:
+    laws = laws or tuned(
+        system.name, controller.signals, controller.devices, measurement, tuning, controller.compensation
+    )
+    if name == "LLC-tuned" and (name, None) not in laws and not controller.parameters:
         problem = f"'LLC-tuned' given, which is not tuned for {system.name} with these signals and devices"
         allowed = f"LLC, or `facts-damping tune {system.name}` first (tuning: {tuning})"
         raise FieldError(f"{here}.name", f"{problem}; allowed: {allowed}")
-    usual = defaults(row, controller.profile, *counts.values())
-    values = {**usual, **known.get((name, scheme), {}), **controller.parameters}
-    chosen_before = system.name in DEFAULTS_FOR or (name, scheme) in known or controller.parameters
-    untuned = controller.untuned or (not chosen_before and any(p.search for p in row.parameters.values()))
-    if controller.compensation in OF_IDENTIFIERS and "identifier_span" not in controller.parameters:
-        values["identifier_span"] = SPAN
+    tuned_row = laws.get((name, scheme))
+    whole, down = mean_delays(controller, system, link)
+    usual = {**defaults(row, controller.profile, *counts.values()), **(tuned_row.parameters if tuned_row else {})}
+    completed = partial(_completed, usual, controller.compensation, {"loop_delay": latency + whole, "down_delay": down})
+    values = completed(controller.parameters)
     order = identifier_model.past_values(values.get("identifier_span"))
-    if order > 1 and "identifier" not in controller.parameters:
-        values["identifier"] = "ANFTSI"  # its consequents are affine then
     if values.get("identifier") == "ANFGuMoI" and max(*counts.values(), order) > 1:
         allowed = "ANFTSI with several signals or devices, or an identifier_span"
         raise FieldError(f"{here}.parameters.identifier", f"'ANFGuMoI' given; allowed: {allowed}")
-    whole, down = mean_delays(controller, system, link)
-    if values.get("loop_delay") == -1.0:
-        values["loop_delay"] = latency + whole
-    if values.get("down_delay") == -1.0:
-        values["down_delay"] = down
+    chosen_before = system.name in DEFAULTS_FOR or tuned_row is not None or controller.parameters
+    untuned = controller.untuned or (not chosen_before and any(p.search for p in row.parameters.values()))
     weights = _weights(controller, scheme, values, f"{here}.weights")
-    update = {"scheme": scheme, "parameters": values, "weights": weights, "untuned": untuned}
+    as_tuned = controller.profile == USUAL.profile and weights is None and values == completed({})
+    whole_name = controller.name if row.own else tuned_row.name if tuned_row and as_tuned else name
+    update = {"name": whole_name, "scheme": scheme, "parameters": values, "weights": weights, "untuned": untuned}
     return controller.model_copy(update=update)
+
+
+def _check_compensation(controller: Controller, scheme: str | None, field: str) -> None:
+    """Raise `FieldError` for a compensation that the controller's kind has not."""
+    name, compensation, row = kind_name(controller.name), controller.compensation, kind_of(controller)
+    if not row.compensates and compensation != "none":
+        reason = "is designed for its delay already" if row.design else "has no parameters for it"
+        raise FieldError(field, f"'{compensation}' given; allowed: none for {name}, which {reason}")
+    if compensation in OF_IDENTIFIERS and scheme != "indirect":
+        compensations = f"{', '.join(COMPENSATIONS)} for {name}{f' {scheme}' if scheme else ''}"
+        allowed = f"{compensations}, or an indirect controller, whose identifier predicts"
+        raise FieldError(field, f"'{compensation}' given; allowed: {allowed}")
+
+
+def _completed(
+    usual: dict[str, Value], compensation: str, delays: dict[str, float], parameters: dict[str, Value]
+) -> dict[str, Value]:
+    """All parameters: the usual ones with those that a run gives, and what follows from these; -1 is a link's delay."""
+    values = {**usual, **parameters}
+    if compensation in OF_IDENTIFIERS and "identifier_span" not in parameters:
+        values["identifier_span"] = SPAN
+    if identifier_model.past_values(values.get("identifier_span")) > 1 and "identifier" not in parameters:
+        values["identifier"] = "ANFTSI"  # its consequents are affine then
+    return values | {delay: value for delay, value in delays.items() if values.get(delay) == -1.0}
 
 
 def sizes(controller: Controller) -> dict[str, int]:
@@ -132,7 +152,7 @@ def _weights(controller: Controller, scheme: str | None, values: dict[str, Value
         if not is_file(path):
             raise FieldError(field, f"{path}: no such file; allowed: weights that a run has saved")
         weights = check(Weights, files.read_table(path), str(path))
-    if (weights.name, weights.scheme) != (controller.name, scheme):
+    if (kind_name(weights.name), weights.scheme) != (kind_name(controller.name), scheme):
         allowed = f"those of {controller.name} ({scheme})"
         raise FieldError(field, f"weights of {weights.name} ({weights.scheme}) given; allowed: {allowed}")
     wanted = {"controller": bank.controller_network(controller).size, "identifier": 0}
@@ -146,51 +166,3 @@ def _weights(controller: Controller, scheme: str | None, values: dict[str, Value
         if numbers is not None and len(numbers) != size:
             raise FieldError(field, f"{part}: {len(numbers)} numbers given; allowed: {size}")
     return weights
-
-
-def tuned(
-    system: str,
-    signals: list[str] | None = None,
-    devices: list[str] | None = None,
-    measurement: str = "ideal",
-    profile: str = DEFAULT_PROFILE,
-    compensation: str = "none",
-) -> dict[tuple[str, str | None], dict[str, Value]]:
-    """Tuned parameters for a system and profile, by controller and scheme.
-
-    They hold only for the signals and devices they were tuned with (default: those of a run); a lead-lag uses the first
-    signal. Parameters tuned with the same `measurement` take precedence over those of exact signals, those tuned with
-    the same `compensation` over those without.
-    """
-    usual = Controller()
-    signals, devices = signals or usual.signals, devices or usual.devices
-    parameters: dict[tuple[str, str | None], dict[str, Value]] = {}
-    measured = ("ideal", "p_class", "m_class") if files.is_path(profile) else ("ideal", measurement)
-    fitting = [tuned_file for tuned_file in chosen(system, profile) if tuned_file.measurement in measured]
-    for wanted in dict.fromkeys(("none", compensation)):
-        for file in sorted(fitting, key=lambda tuned_file: tuned_file.measurement == measurement):
-            for row in file.controllers:
-                fits = file.devices == devices and row.compensation == wanted
-                if fits and file.signals[: kind(row.name).signals] == signals:
-                    parameters[row.name, row.scheme] = row.parameters
-    return parameters
-
-
-def chosen(system: str, profile: str) -> list[Tuned]:
-    """Files of tuned parameters for a system and profile: `<system>_<profile>...`, or the one of a path.
-
-    The default profile's name is left out.
-    """
-    if files.is_path(profile):
-        file = check(Tuned, files.read_table(files.find("controllers", profile)), profile)
-        if file.system != system:
-            raise FieldError("tuning", f"parameters for {file.system} given; allowed: those for {system}")
-        return [file]
-    begins = system if profile == DEFAULT_PROFILE else f"{system}_{profile}"
-    known = [_read_tuned(file) for name, file in files.shipped("controllers").items() if name.startswith(begins)]
-    return [file for file in known if (file.system, file.profile) == (system, profile)]
-
-
-@cache
-def _read_tuned(path: Path) -> Tuned:
-    return check(Tuned, files.read_table(path), str(path))

@@ -124,8 +124,8 @@ def recorded_topic(topic: str) -> str:
 
 
 def ros_name(kind: str) -> str:
-    """A kind's name with letters, digits and underscores only, as ROS names require."""
-    return "".join(letter if letter.isalnum() else "_" for letter in kind)
+    """A kind's name with letters, digits and underscores only, as ROS names require; without a tuned law's file."""
+    return "".join(letter if letter.isalnum() else "_" for letter in kind.partition("@")[0])
 
 
 def served(case: Case, link: int) -> list[int]:

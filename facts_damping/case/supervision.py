@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from facts_damping.case.named_files import located
@@ -46,23 +45,6 @@ def _check_monitors(supervision: Supervision, field: str) -> None:
 def reserves(run: Run) -> dict[int, int]:
     """Index of the fallback, by index of the controller that it replaces."""
     return {c.fallback_of: i for i, c in enumerate(run.controllers) if c.fallback_of is not None}
-
-
-def unsupervised(case: Case) -> Case:
-    """The same run without supervisors, fallbacks and the fallbacks' links: the normal control path."""
-    if case.supervision is None:
-        return case
-    primaries = [c for c, controller in enumerate(case.run.controllers) if controller.fallback_of is None]
-    links = sorted({case.used_links[c] for c in primaries})
-    fields = {"controllers": [case.run.controllers[c] for c in primaries], "supervision": None, "arm_at": None}
-    return replace(
-        case,
-        run=case.run.model_copy(update=fields),
-        controllers=[case.controllers[c] for c in primaries],
-        links=[case.links[i] for i in links],
-        used_links=[links.index(case.used_links[c]) for c in primaries],
-        supervision=None,
-    )
 
 
 def check_fallbacks(case: Case) -> None:

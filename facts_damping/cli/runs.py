@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from itertools import count
+from itertools import count, groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ from facts_damping.simulation.programs.policies import step_times
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterator
 
 
 HOST = "127.0.0.1"  # of a cockpit
@@ -96,29 +98,21 @@ def list_(arguments: argparse.Namespace) -> None:
     """List systems, scenarios, controllers, links, supervision and monitors."""
     from facts_damping.monitor_table import MONITORS
 
+    laws: list[dict[str, Any]] = []
     if arguments.kind == "controllers":
-        rows, heads = _controllers(), ["name", "description", "parameter_count", "identifier", "schemes"]
+        laws = _laws()
+        rows, heads = _controllers(laws), ["name", "description", "parameter_count", "identifier", "schemes"]
     elif arguments.kind == "monitors":
         rows = [{"name": name, **row._asdict()} for name, row in MONITORS.items()]
-        heads = [
-            "name",
-            "description",
-            "group",
-            "limit",
-            "low",
-            "high",
-            "unit",
-            "lasts",
-            "lasts_unit",
-            "follows",
-            "reason",
-        ]
+        heads = list(rows[0])
     else:
         tables = {name: files.read_table(path) for name, path in files.shipped(arguments.kind).items()}
         rows = [{"name": name, "description": str(row.get("description", ""))} for name, row in tables.items()]
         heads = ["name", "description"]
     cells = [[_cell(row[head]) for head in heads] for row in rows]
     say(arguments, *table([head.replace("_", " ") for head in heads], cells, len(heads), rule=False))
+    if laws:
+        say(arguments, "\nTuned laws, by the file that has them:", *_tuned_in(laws))
     write_json(arguments.json, rows)
 
 
@@ -128,12 +122,33 @@ def _cell(value: Any) -> str:
     return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _controllers() -> list[dict[str, Any]]:
-    """The table of controllers, for a single signal and a single device."""
+def _laws() -> list[dict[str, Any]]:
+    """Tuned laws of the shipped files: objective, and on what and by which command each was tuned."""
+    from facts_damping.case import tuned
+
+    return [
+        {"name": name, "file": file, **row.model_dump(exclude={"name"}), **content.model_dump(exclude={"controllers"})}
+        for file, content in ((file, tuned.read(path)) for file, path in files.shipped("controllers").items())
+        for name, row in tuned.rows(file, content)
+    ]
+
+
+def _tuned_in(laws: list[dict[str, Any]]) -> Iterator[str]:
+    """Lines for each file of tuned laws: on what it was tuned, the laws' names, the command with its seed."""
+    for file, group in groupby(laws, key=itemgetter("file")):
+        names = {row["name"]: row for row in group}
+        *_, row = names.values()
+        on = f"{row['system']} ({row['profile']}), {_cell(row['signals'])} to {_cell(row['devices'])}"
+        yield f"\n{file}: {on}; {row['command']}\n  {', '.join(names)}"
+
+
+def _controllers(laws: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The table of controllers, for a single signal and a single device, with their tuned laws."""
     from facts_damping.control.bank import RULES
-    from facts_damping.control.table import CONTROLLERS
+    from facts_damping.control.table import CONTROLLERS, kind, kind_name
     from facts_damping.neurofuzzy.network import counted
 
+    names = dict.fromkeys([*CONTROLLERS, *(kind_name(row["name"]) for row in laws)])
     return [
         {
             "name": name,
@@ -144,6 +159,7 @@ def _controllers() -> list[dict[str, Any]]:
             "identifier": row.network and row.network.identifier,
             "schemes": ["direct", "indirect"] if row.network else None,
             "parameters": {key: parameter.default for key, parameter in row.parameters.items()},
+            "tuned": [a_law for a_law in laws if kind_name(a_law["name"]) == name],
         }
-        for name, row in CONTROLLERS.items()
+        for name, row in ((name, kind(name)) for name in names)
     ]

@@ -135,6 +135,7 @@ LAWS = list(dict.fromkeys(row.law for row in CONTROLLERS.values() if row.law is 
 
 def kind(name: str, where: str = "controller") -> ControllerKind:
     """The row for a name of the table or any pair `antecedent+consequent`. Raises `InputError` if unknown."""
+    name = kind_name(name)
     antecedent, plus, consequent = name.partition("+")
     if not plus:
         others = f"any other name with {' or '.join(f'`{field}`' for field in OWN)}"
@@ -144,6 +145,11 @@ def kind(name: str, where: str = "controller") -> ControllerKind:
     check_known(f"{where}: consequent", consequent, CONSEQUENTS)
     row = _neuro_fuzzy(Variant(antecedent, consequent, "ANFGuMoI" if has_dilation(consequent) else "ANFTSI"))
     return row._replace(named=False)
+
+
+def kind_name(name: str) -> str:
+    """The kind in a controller's name, which may be that of a tuned law: `KIND@FILE`."""
+    return name.partition("@")[0]
 
 
 def kind_of(controller: Controller, where: str = "controller") -> ControllerKind:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from facts_damping.devices import exciter_input, hvdc, inverter_input, load_modulation, sssc, statcom
+from facts_damping.devices import hvdc, load_modulation, sssc, statcom
 from facts_damping.devices.base import DeviceModel
 from facts_damping.devices.kind import DeviceKind
 from facts_damping.errors import InputError
@@ -13,8 +13,6 @@ KINDS: dict[str, DeviceKind] = {
     "statcom": statcom.ROW,
     "hvdc": hvdc.ROW,
     "load_modulation": load_modulation.ROW,
-    "exciter_input": exciter_input.ROW,
-    "inverter_input": inverter_input.ROW,
 }
 KINDS |= rows("device_kinds", DeviceKind, KINDS)
 MODELS = {name: kind.model for name, kind in KINDS.items() if kind.model} | rows("devices", DeviceModel)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, field_validator
 
-from facts_damping.fields import Name, ParameterModel, quantity
+from facts_damping.fields import LawName, Name, ParameterModel, quantity
 from facts_damping.parameters.faults import ControllerFault
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.plant.load_noise import LoadNoise
@@ -27,7 +27,7 @@ class Weights(ParameterModel):
     the setpoints.
     """
 
-    name: Name = Field(..., description="name of the controller")
+    name: LawName = Field(..., description="name of the controller")
     scheme: Literal["direct", "indirect"] = Field(..., description="scheme of the controller")
     controller: list[float] | None = Field(
         None, description="parameters of the controller's network; none: those that it starts with"
@@ -51,10 +51,10 @@ class Controller(ParameterModel):
     Only one controller commands a device, apart from its fallback. Several controllers may receive the same signal.
     """
 
-    name: Name = Field(
+    name: LawName = Field(
         "LLC",
-        description="name in `facts-damping list controllers`, a pair `antecedent+consequent`, or any other name for a "
-        "controller of your own",
+        description="name in `facts-damping list controllers`, also of a tuned law, `LLC-tuned@two_area`; a pair "
+        "`antecedent+consequent`; or any other name for a controller of your own",
     )
     linear: str | dict[str, Any] | None = Field(
         None, description="linear law of your own: a .yaml, .npz or .mat file, or inline"
@@ -126,10 +126,10 @@ class Controller(ParameterModel):
 class TunedController(ParameterModel):
     """Parameters that a search has chosen for one controller and scheme."""
 
-    name: Name = Field(..., description="name of the controller, as in a run")
-    scheme: Literal["direct", "indirect"] | None = Field(
-        None, description="scheme of a neuro-fuzzy controller; none: another controller"
-    )
+    name: Name = Field(..., description="name of the kind, as in a run")
+    scheme: Literal["direct", "indirect"] | None = Field(None, description="scheme of a neuro-fuzzy controller")
+    row: Name | None = Field(None, description="name among several rows of its controller, such as the search's seed")
+    policy: str | None = Field(None, description="Python class, if the law is one")
     compensation: Literal["none", "lead", "phasor", "prediction"] = Field(
         "none", description="delay compensation with which the parameters were chosen"
     )

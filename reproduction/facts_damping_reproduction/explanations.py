@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.case.controllers import tuned
+from facts_damping.case.tuned import tuned
 from facts_damping.neurofuzzy.table import VARIANTS, has_dilation
 from facts_damping_reproduction import agreement, ranking
 from facts_damping_reproduction.printed import SCENARIOS
@@ -88,7 +88,7 @@ def _untuned_wide(system: str, who: ControllerId) -> dict[str, Any]:
 def _searched(system: str, who: ControllerId) -> dict[str, Value]:
     """The parameters that the search has chosen for a controller."""
     devices, signals = ARCHITECTURES[who.architecture]
-    return tuned(system, signals, devices)[who.controller, who.scheme]
+    return tuned(system, signals, devices)[who.controller, who.scheme].parameters
 
 
 def _interpolated(system: str, who: ControllerId) -> dict[str, Any]:

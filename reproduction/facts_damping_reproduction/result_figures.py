@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.plotting.plots import COLOURS
+from facts_damping.control.table import kind_name
 from facts_damping.output.picture_files import save_picture
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def delay(margins: Rows) -> Figure:
     spans: dict[str, dict[str, list[float]]] = {}
     schemes = {}
     for row in margins:
-        who = f"{row['controller']} {row['scheme']}".strip()
+        who = f"{kind_name(row['controller'])} {row['scheme']}".strip()
         schemes[who] = row["scheme"]
         value = 0.0 if row["beyond"] == "low" else float(row["margin_s"] or row["low_s"])
         spans.setdefault(who, {}).setdefault(row["criterion"], []).append(value)

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.case import names
-from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import changed_case, load_case, load_system, make_case, read_run
+from facts_damping.case.tuned import tuned
 from facts_damping.errors import InputError
 from facts_damping.input_files import share_folder
 from facts_damping.link.stages import mean_delay
@@ -336,7 +336,7 @@ def test_sensitivity_that_is_not_the_plants_is_refused_with_the_reason(scheme: s
 def test_parameters_come_from_the_table_the_tuning_and_the_run_in_this_order() -> None:
     run_sets = ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct"]
     (row,) = load_case(None, [*run_sets, "controllers.0.parameters.eta=0.5"]).controllers
-    chosen = tuned("two_area")["ANFTSC", "direct"]
+    chosen = tuned("two_area")["ANFTSC", "direct"].parameters
     assert row.parameters["eta"] == 0.5
     assert row.parameters["scale"] == chosen["scale"]
     assert row.parameters["projection"] == "on"

@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.devices.exciter_input import ExciterInput
     from facts_damping.devices.hvdc import Hvdc
-    from facts_damping.devices.inverter_input import InverterInput
     from facts_damping.devices.load_modulation import LoadModulation
     from facts_damping.devices.sssc import Sssc
     from facts_damping.devices.statcom import Statcom
     from facts_damping_library.devices.bess import Bess
+    from facts_damping_library.devices.exciter_input import ExciterInput
+    from facts_damping_library.devices.inverter_input import InverterInput
     from facts_damping_library.devices.svc import Svc
     from facts_damping_library.devices.tcsc import Tcsc
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from facts_damping.devices.inverter_input import InverterInput
 from facts_damping.signals import to_ns
 from facts_damping.small_signal.linearisation import linearise
+from facts_damping_library.devices.inverter_input import InverterInput
 from tests.independent.reference import Model, Run
 from tests.independent.reference_cases import CASES as WITHOUT_INVERTERS
 from tests.independent.reference_devices import Battery, Capacitor, Input, Link, Modulated, Ramp

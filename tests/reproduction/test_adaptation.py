@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from facts_damping.case import tuned
 from facts_damping.cli.main import main
 from facts_damping_reproduction.adaptation import experiment, pages
 from facts_damping_reproduction.adaptation.cases import BEGIN, KINDS, evaluation, training
@@ -37,16 +38,21 @@ def test_training_and_evaluation_share_no_kind_of_event_and_no_case() -> None:
     assert len(set(seeds)) == len(seeds)
 
 
-def found_of(levels: dict[str, float], random: np.random.Generator, spread: float, noise: float) -> dict[str, Any]:
-    """Results as of the experiment: an arm has a level, its searches spread, and cases differ."""
+def found_of(
+    levels: dict[str, float], random: np.random.Generator, spread: float, noise: float, of_events: float = 0.0
+) -> dict[str, Any]:
+    """Results as of the experiment: an arm has a level, its searches and kinds of events spread, and cases differ."""
+    events = [i // 3 % 4 for i in range(60)]
     kinds = [KINDS[i % 3] for i in range(60)]
     rows: dict[Any, Any] = {(NONE, 0): [{"lost": False, "index": 1.0}] * 60}
     shared = random.normal(0.0, 0.5, 60)
+    event_levels = {name: random.normal(0.0, of_events, 4) for name in levels}
     for name, level in levels.items():
         for seed in range(5):
             log_indices = level + random.normal(0.0, spread) + shared + random.normal(0.0, noise, 60)
+            log_indices += event_levels[name][events]
             rows[name, seed] = [{"lost": False, "index": float(np.exp(x))} for x in log_indices]
-    return {"rows": rows, "kinds": kinds}
+    return {"rows": rows, "kinds": kinds, "events": events}
 
 
 def test_interval_is_over_searches_and_cases() -> None:
@@ -58,6 +64,8 @@ def test_interval_is_over_searches_and_cases() -> None:
     assert held >= 50
     tight = ratio([found_of({"a": -0.8, "b": -0.6}, random, 0.0, 0.1)], "a", "b", KINDS, 0.05)
     assert tight.high - tight.low < 0.1
+    wide = ratio([found_of({"a": -0.8, "b": -0.6}, random, 0.0, 0.1, of_events=0.3)], "a", "b", KINDS, 0.05)
+    assert wide.high - wide.low > 0.2  # other events may have another answer
 
 
 @pytest.mark.parametrize(
@@ -116,6 +124,9 @@ def test_whole_way_with_a_small_plan(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     assert all(line in page for line in document["answers"])
     assert len((tmp_path / "what_holds.csv").read_text().splitlines()) == 1 + len(document["ratios"])
     assert "With the STATCOM as a second device" in page
+    laws = {name for name, _ in tuned.rows("what_holds", tuned.read(tmp_path / "what_holds.yaml"))}
+    assert {"LQG@what_holds.0", "adaptive@what_holds.0"} <= laws
+    assert len({name for name in laws if "not_learning" in name}) == len(laws) / 6
     times = {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").rglob("*.json")}
     assert main(words) == 0
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").rglob("*.json")} == times

@@ -169,7 +169,7 @@ def of_what_holds() -> list[str]:
     llc = reduction("LLC")
     return [
         f"In {repeated * plan()['evaluation']['cases']} unseen cases",
-        f"`LQG` reduces the ITAE by {reduction('LQG')}, a tuned lead-lag by {reduction('LLC-tuned')}",
+        f"an LQG reduces the ITAE by {reduction('LQG')}, a tuned lead-lag by {reduction('LLC-tuned')}",
         f"the lead-lag of the thesis, by {llc}",
         f"is {ratio.lstrip('+')} % [{low}, {high}] above that of `LQG`",
         f"is {percent.lstrip('-')} % [{less}, {more}] below that",

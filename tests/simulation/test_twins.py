@@ -11,13 +11,13 @@ from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.response import MIRROR, OUTAGE, PULSED, WITHOUT_EVENTS, less_noise, swings_of
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
-from facts_damping.case.supervision import unsupervised
 from facts_damping.record import Record, RunChange
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.twins import mirrored, twin, twin_of, with_pulse
 from facts_damping_studies.margins.delay_margin import oscillations
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
+from facts_damping_studies.margins.unsupervised import unsupervised
 
 SETS = ["duration=6", "supervision=null", "arm_at=null"]
 FAULT = "scenario=[{time: 2.0, kind: fault, line: line_3, location: 0.5}, {time: 2.1, kind: clear, line: line_3}]"

@@ -14,7 +14,6 @@ from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete
 
 from facts_damping.case.loading import load_case
-from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
 from facts_damping.signals import NANOSECONDS, to_ns
@@ -32,6 +31,7 @@ from facts_damping_studies.margins.linear_closed_loop import (
     sampled,
     with_delay,
 )
+from facts_damping_studies.margins.unsupervised import unsupervised
 from tests.appendix_b import lead_lag
 from tests.plant.inverters import following
 

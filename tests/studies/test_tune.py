@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis.summary import summarise
-from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import make_case
+from facts_damping.case.tuned import tuned
 from facts_damping.cli.main import main
 from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.parameters.field_errors import check

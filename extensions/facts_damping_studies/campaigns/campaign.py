@@ -12,7 +12,6 @@ import numpy as np
 
 from facts_damping.caching import shared
 from facts_damping.case.loading import changed_case, read_run
-from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
 from facts_damping.input_files import read_text
 from facts_damping.output.writing import write_whole
@@ -25,6 +24,7 @@ from facts_damping_studies.campaigns import actions, invariants
 from facts_damping_studies.campaigns.draw_rows import DrawnFault, DrawRow, Intervention, Law
 from facts_damping_studies.campaigns.faults import FAULTS, NOTHING, ONLY_REAL, Chance
 from facts_damping_studies.campaigns.parameters import Campaign
+from facts_damping_studies.margins.unsupervised import unsupervised
 from facts_damping_studies.sweeps.journal import Journal
 from facts_damping_studies.sweeps.pool import workers
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, LOST
-from facts_damping.case.supervision import unsupervised
 from facts_damping_studies.margins.delay_margin import STILL
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
+from facts_damping_studies.margins.unsupervised import unsupervised
 from facts_damping_studies.parameters import DAMPING_RATIO
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.optimize import brentq, linear_sum_assignment
 
-from facts_damping.case.supervision import unsupervised
 from facts_damping.small_signal import eigenmodes
 from facts_damping_studies.margins.linear_closed_loop import approximate, delayed_loop, eigen, link_delays, sampled
+from facts_damping_studies.margins.unsupervised import unsupervised
 from facts_damping_studies.parameters import DAMPING_RATIO
 
 if TYPE_CHECKING:

@@ -22,7 +22,6 @@ from scipy.linalg import block_diag, eig
 from scipy.signal import tf2ss
 
 from facts_damping.case.names import controller_names
-from facts_damping.case.supervision import unsupervised
 from facts_damping.control.bank import act
 from facts_damping.control.table import CONTROLLERS, STATE_SPACE, kind_of
 from facts_damping.errors import InputError
@@ -37,6 +36,7 @@ from facts_damping.small_signal.lqg import washouts
 from facts_damping.small_signal.sampled_output import remember, samples
 from facts_damping.small_signal.zero_order_hold import rigid
 from facts_damping_studies.margins.halved_steps import effect, halvings
+from facts_damping_studies.margins.unsupervised import unsupervised
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -24,8 +24,8 @@ from facts_damping.analysis.indices import THESIS_INDICES, performance_indices
 from facts_damping.analysis.judging import judge_run
 from facts_damping.analysis.response import swings_of
 from facts_damping.analysis.verdict import GROWING, LIMIT_CYCLE
-from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import make_case
+from facts_damping.case.tuned import tuned
 from facts_damping.errors import FactsDampingError, InputError, one_line
 from facts_damping.monitor_table import TRIPPED
 from facts_damping.output.tables import with_counts

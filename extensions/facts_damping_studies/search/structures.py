@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.case.changes import read_profile
-from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import changed_case, load_case
+from facts_damping.case.tuned import tuned
 from facts_damping.control.compensation import OF_IDENTIFIERS
 from facts_damping.control.parameter_tables import OFF_ON
-from facts_damping.control.table import kind
+from facts_damping.control.table import kind, kind_name
 from facts_damping.errors import InputError, check_known
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.parameters.profile import DEFAULT_PROFILE
@@ -109,7 +109,8 @@ def started(start: str, system: str, structure: Structure) -> list[dict[str, Val
         return []
     signals, devices = structure.signals, list(structure.devices)
     if start == "tuned":
-        known_parameters = tuned(system, signals, devices, profile=structure.profile)
+        laws = tuned(system, signals, devices, profile=structure.profile)
+        known_parameters = {law: row.parameters for law, row in laws.items()}
     else:
         try:
             case = load_case(start)
@@ -119,7 +120,9 @@ def started(start: str, system: str, structure: Structure) -> list[dict[str, Val
             raise InputError(f"--start: '{start}' given, a run of {case.system.name}; allowed: one of {system}")
         controllers = case.run.controllers
         known_parameters = {
-            (c.name, c.scheme): c.parameters for c in controllers if (c.signals, c.devices) == (signals, devices)
+            (kind_name(c.name), c.scheme): c.parameters
+            for c in controllers
+            if (c.signals, c.devices) == (signals, devices)
         }
     return [
         values

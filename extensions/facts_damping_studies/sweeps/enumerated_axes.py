@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from facts_damping.case.controllers import tuned
+from facts_damping.case.tuned import tuned
 from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
 from facts_damping.parameters import files

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.case.controllers import check_parameter, sizes, with_weights
-from facts_damping.control.table import kind_of
+from facts_damping.control.table import kind_name, kind_of
 from facts_damping.errors import InputError
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.run import Weights
@@ -44,8 +44,8 @@ class ReplayedChanges:
 
     def __init__(self, case: Case, record: Record, control: ControlSystem) -> None:
         """`control`: controllers, identifiers and supervisors at the start."""
-        before = record.configuration.get("controllers") or []
-        same = {c for c, row in enumerate(case.controllers) if c < len(before) and before[c].get("name") == row.name}
+        before = [kind_name(row.get("name", "")) for row in record.configuration.get("controllers") or []]
+        same = {c for c, row in enumerate(case.controllers) if kind_name(row.name) in before[c : c + 1]}
         applicable = [change for change in record.changes if change.index in same and _possible(case, change)]
         self._case, self._control = case, control
         self._changes = list(applicable)  # by tick; a recording that starts late includes earlier changes

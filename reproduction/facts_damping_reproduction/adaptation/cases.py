@@ -9,6 +9,7 @@ import numpy as np
 from facts_damping_reproduction.score_cases import TWO_AREA, Random, event, number, scaled, usual
 
 KINDS = ("nominal", "drift", "wrong model")
+EVENTS = ("reclosing onto a fault", "fault at a bus", "line out and in", "power step and line out")
 BEGIN = 6.0  # s, of the event in training
 STEPS = 10  # of a drift
 DRIFT = (5.0, 55.0)  # s
@@ -27,7 +28,7 @@ def training(number_of: int, begin: float, after: float) -> list[dict[str, Any]]
 
 
 def evaluation(number_of: int, begin: float, after: float, seed: int) -> list[dict[str, Any]]:
-    """Held-out cases: `kind`, and what each sets."""
+    """Held-out cases: `kind`, the kind of `event`, and what each sets."""
     random = np.random.default_rng((EVALUATION, seed))
     return [_evaluation(random, KINDS[i % len(KINDS)], i // len(KINDS), begin, after) for i in range(number_of)]
 
@@ -48,7 +49,7 @@ def _evaluation(random: Random, kind: str, i: int, begin: float, after: float) -
     if kind == "wrong model":
         for fields in TWO_AREA.wrong.values():
             changes |= scaled(fields, number(random, 0.7, 1.3))
-    return {"kind": kind, "set": changes}
+    return {"kind": kind, "event": EVENTS[i % len(EVENTS)], "set": changes}
 
 
 def _steps(load: str, change: float, times: np.ndarray[Any, Any]) -> list[dict[str, Any]]:
@@ -70,7 +71,7 @@ def _new_event(random: Random, i: int, t: float) -> list[dict[str, Any]]:
     unit = ["G1", "G2", "G4"][int(random.integers(3))]
     power = {"time": t, "kind": "mechanical_power_step", "machine": unit, "change": -number(random, 0.05, 0.15)}
     return [
-        [  # reclosing onto the fault
+        [
             fault,
             {"time": end, "kind": "line_out", "line": line},
             {"time": again, "kind": "line_in", "line": line},
@@ -79,4 +80,4 @@ def _new_event(random: Random, i: int, t: float) -> list[dict[str, Any]]:
         [{"time": t, "kind": "fault", "bus": bus, "duration": number(random, 0.03, 0.08)}],
         [{"time": t, "kind": "line_out", "line": line}, {"time": again, "kind": "line_in", "line": line}],
         [power, {"time": t, "kind": "line_out", "line": line}],
-    ][i % 4]
+    ][i % len(EVENTS)]

@@ -44,7 +44,7 @@ def logs(experiment: Mapping[str, Any], arm: str) -> NDArray[np.float64]:
 
 
 def ratio(every: Sequence[Mapping[str, Any]], arm: str, against: str, kinds: Sequence[str], margin: float) -> Ratio:
-    """Two-level bootstrap: search seeds of each arm by themselves, then cases, within their kinds, of both together.
+    """Bootstrap: search seeds of each arm by themselves; within kinds of cases, kinds of events and cases of both.
 
     `every`: the results of one experiment, or of repetitions, which count alike.
     """
@@ -63,12 +63,22 @@ def _drawn(
     a = logs(experiment, arm)
     b = np.zeros_like(a[:1]) if against == NONE else logs(experiment, against)
     groups = [np.flatnonzero(np.array(experiment["kinds"]) == kind) for kind in kinds]
+    events = np.array(experiment.get("events", experiment["kinds"]))
     of_a, of_b, drawn = _weights(random, len(a)), _weights(random, len(b)), np.zeros(RESAMPLES)
     for group in groups:
-        cases = _weights(random, len(group))
+        cases = _of_cases(random, events[group])
         for log_ratios, seeds, sign in ((a, of_a, 1.0), (b, of_b, -1.0)):
             drawn += sign / len(groups) * np.einsum("rs,sc,rc->r", seeds, log_ratios[:, group], cases)
     return float(np.mean([(a.mean(axis=0) - b.mean(axis=0))[group].mean() for group in groups])), drawn
+
+
+def _of_cases(random: np.random.Generator, events: NDArray[Any]) -> NDArray[np.float64]:
+    """How much each case counts in each resample of the kinds of events, and of the cases of each kind."""
+    names, kinds = np.unique(events, return_inverse=True)
+    weights = _weights(random, len(names))[:, kinds]
+    for k in range(len(names)):
+        weights[:, kinds == k] *= _weights(random, int((kinds == k).sum()))
+    return weights
 
 
 def _weights(random: np.random.Generator, number: int) -> NDArray[np.float64]:

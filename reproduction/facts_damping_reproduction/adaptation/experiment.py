@@ -238,8 +238,8 @@ def _of_set(folder: Path, devices: Sequence[str], seed: int, each: Any) -> dict[
         tasks += [(other, search_seed, result["rows"], True) for other in frozen]
     evaluated = kept(folder, "evaluation", tasks, partial(_evaluation_task, devices, cases), each)
     rows = {(name, run_seed): result for name, run_seed, result in evaluated}
-    kinds = [case["kind"] for case in cases]
-    return {"network": network, "arms": list(arms), "searches": searches, "rows": rows, "kinds": kinds}
+    of_cases = {"kinds": [case["kind"] for case in cases], "events": [case["event"] for case in cases]}
+    return {"network": network, "arms": list(arms), "searches": searches, "rows": rows, **of_cases}
 
 
 def _chosen(folder: Path, each: Any) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from facts_damping_reproduction.adaptation import decide
 from facts_damping_reproduction.adaptation.cases import KINDS
 from facts_damping_reproduction.adaptation.decide import BETTER, OPEN, WORSE, Ratio
 from facts_damping_reproduction.adaptation.experiment import plan
+from facts_damping_reproduction.adaptation.laws import write_laws
 from facts_damping_reproduction.templates import render
 from facts_damping_studies.score.card import NONE
 from facts_damping_studies.sweeps.results import table as arrow
@@ -29,6 +30,14 @@ FIXED = ("LLC-tuned", "LQG")
 SAYS = {BETTER: "Yes", WORSE: "No, it is worse", decide.ALIKE: "No", OPEN: "It cannot be told"}
 Every = Sequence[Mapping[str, Any]]  # the results of a set of devices: of an experiment, and of its repetitions
 BEST = "the best fixed controller"
+FILES = ("what_holds", "what_holds_both")  # of the laws that the searches found, by devices
+OF_LAWS = {
+    "system": "two_area",
+    "profile": "deployment",
+    "scenario": "what_holds",
+    "command": "facts-damping reproduce --profile deployment",
+}
+ABOUT = "Laws of docs/what_holds.md, by the seeds of their searches; objective: mean log index relative to no control."
 
 
 class Question(NamedTuple):
@@ -240,4 +249,8 @@ def write(
         ],
     }
     write_whole(folder / "what_holds.md", render("adaptation/what_holds.md", **values))
-    return [folder / "what_holds.md", *pictures, folder / "what_holds.csv"]
+    laws = [
+        write_laws(experiments[0]["searches"], folder / f"{name}.yaml", ABOUT, **OF_LAWS)
+        for name, experiments in zip(FILES, by_devices(every).values(), strict=False)
+    ]
+    return [folder / "what_holds.md", *pictures, folder / "what_holds.csv", *laws]

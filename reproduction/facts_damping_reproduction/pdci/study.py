@@ -10,13 +10,13 @@ import yaml
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.api.cases import case_of
-from facts_damping.case.supervision import unsupervised
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of
 from facts_damping.small_signal.modal_tables import analyse
 from facts_damping_studies.campaigns.actions import doings
 from facts_damping_studies.margins.delay_margin import oscillations
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
+from facts_damping_studies.margins.unsupervised import unsupervised
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
