@@ -171,14 +171,15 @@ def of_what_holds() -> list[str]:
         f"In {repeated * plan()['evaluation']['cases']} unseen cases",
         f"an LQG reduces the ITAE by {reduction('LQG')}, a tuned lead-lag by {reduction('LLC-tuned')}",
         f"the lead-lag of the thesis, by {llc}",
-        f"is {ratio.lstrip('+')} % [{low}, {high}] above that of `LQG`",
+        f"is {ratio.lstrip('+')} % [{low}, {high}] above that of an LQG",
         f"is {percent.lstrip('-')} % [{less}, {more}] below that",
     ]
 
 
 def of_the_score() -> list[str]:
     first, second = rows("score/ranking.csv")[:2]
-    percents = [f"`{row['controller']}` ({-float(row['percent']):.0f} %)" for row in (first, second)]
+    words = {"Hinf": "an H-infinity controller", "LQG": "an LQG"}
+    percents = [f"{words[row['controller']]} ({-float(row['percent']):.0f} %)" for row in (first, second)]
     return [f"In {len(read_set('two_area_1.0').content.cases)} harder cases", f"{' and '.join(percents)} are best"]
 
 
@@ -193,8 +194,9 @@ def of_delays() -> list[str]:
         for name in ("ideal", "M")
     )
     return [
-        f"up to {deployed('LLC-tuned')} of additional delay, `LLC` with {deployed('LLC')}",
-        f"both damp up to {min(exact):.2f} to {max(exact):.2f} s",
+        f"above 3 % with up to {deployed('LLC-tuned')} of additional delay, `LLC` with {deployed('LLC')}",
+        f"(without control the least is {100 * least_damped():.1f} %)",
+        f"no swing grows with either up to {min(exact):.2f} to {max(exact):.2f} s",
         f"reduces its delay limit of {ideal:.0f} ms by {round(ideal - m_class, -1):.0f} ms",
     ]
 
@@ -215,7 +217,7 @@ def of_supervision() -> list[str]:
         ),
         f"about {round(100 * (float(costs[0]['ITAE beside no supervision, median']) - 1))} % higher in the median",
         f"{ends[0]} to {ends[1]} % at the 99th percentile",
-        f"among all {len(rows('do_no_harm/table_controllers.csv'))} controllers",
+        f"among {len(rows('do_no_harm/table_controllers.csv'))} controllers",
     ]
 
 
