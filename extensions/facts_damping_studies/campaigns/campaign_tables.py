@@ -37,7 +37,7 @@ WORDS = {
 }
 
 
-TURNED = ("wrong_sign", "sign_swapped")  # faults by which control adds to an oscillation
+TURNED = ("wrong_sign", "wrong_sign_behind", "sign_swapped")  # faults by which control adds to an oscillation
 
 
 LONG_S = 5.0  # s: a fault that lasts as long should be found
