@@ -74,7 +74,7 @@ def supervision(tables: Sequence[tuple[str, Rows]]) -> Figure:
     figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     axes: Any = figure.subplots(2, 1)
     text: Any = {"va": "center", "fontsize": 8}
-    titles = ("synchronism lost", "ITAE above 1.05 times no control's, or lost")
+    titles = ("synchronism lost", "harm: ITAE above 1.05 times no control's, or lost")
     for axis, title, row in zip(axes, titles, (1, 2), strict=True):
         for place, (_, table) in enumerate(tables):
             for shift, column, colour, words in (
