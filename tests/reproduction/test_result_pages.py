@@ -67,6 +67,12 @@ def test_rates_of_supervision_are_those_of_the_campaigns() -> None:
             number, percent = row["with supervision, number"], float(row["with supervision, percent"])
             assert f"{number} of {row['cases']}" in page or f"{number} ({percent:.2f} %)" in page, row
             assert re.search(rf"\b{row['without supervision, number']}\b", page), row
+    assert of_wrong_signs("A wrong sign in the controller is found", "wrong_sign") in page
+    assert of_wrong_signs("behind the supervisor", "wrong_sign_behind") in page
+    for fault, name in (("wrong_sign", "in the controller"), ("wrong_sign_behind", "behind the supervisor")):
+        row = next(row for row in rows("wrong_control/table_faults.csv") if row["fault"] == fault)
+        cells = [row["armed"], f"{row['tripped']} tripped", row["median, s"], row["99 %, s"]]
+        assert f"| wrong sign {name} | {' | '.join(cells)} |" in page
     total = rows("healthy/table_healthy.csv")[-1]
     for name in ("fell back or tripped", "costly"):
         number, percent = total[f"{name}, number"], float(total[f"{name}, percent"])
@@ -199,6 +205,12 @@ def of_delays() -> list[str]:
     ]
 
 
+def of_wrong_signs(place: str, fault: str) -> str:
+    """How soon a wrong sign is found, in how many of the cases."""
+    row = next(row for row in rows("wrong_control/table_faults.csv") if row["fault"] == fault)
+    return f"{place} in {row['median, s']} s ({row['tripped']} of {row['armed']})"
+
+
 def of_supervision() -> list[str]:
     harm = [[f"{float(rate(name, row, f'{side} supervision')):.2f}" for side in ("with", "without")]
             for name in ("do_no_harm", "wrong_control") for row in (1, 2)]  # fmt: skip
@@ -322,7 +334,9 @@ def test_findings_of_readme_are_those_of_the_tables() -> None:
         f"(medians of {seeds} seeds; the intact grid has {100 * least_damped():.1f} % without control)",
         f"trips {trips:.1f} % of {rows('healthy/table_outcomes.csv')[0]['cases']} healthy runs of lead-lags and LQG",
         f"{costly:.1f} % at a cost",
-        f"Of {cases} cases with a wrong controller",
+        f"Of {cases} cases with wrong control",
+        of_wrong_signs("A wrong sign in the controller is found", "wrong_sign"),
+        of_wrong_signs("behind the supervisor", "wrong_sign_behind"),
         f"{lost:.1f} % lose it instead of {alone:.1f} %",
         f"{traces_of_psse()}, the others within 10 % with",
     ]
