@@ -208,7 +208,7 @@ def of_delays() -> list[str]:
 def of_wrong_signs(place: str, fault: str) -> str:
     """How soon a wrong sign is found, in how many of the cases."""
     row = next(row for row in rows("wrong_control/table_faults.csv") if row["fault"] == fault)
-    return f"{place} in {row['median, s']} s ({row['tripped']} of {row['armed']})"
+    return f"{place} in {row['median, s']} s ({row['tripped']} of {row['armed']}"
 
 
 def of_supervision() -> list[str]:
