@@ -168,6 +168,8 @@ def test_wrong_sign_that_was_never_found_is_missed(fault: str) -> None:
 
 
 def test_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    faults = "faults: {wrong_sign: 1, wrong_sign_behind: 1, cut_both: 2}"
+    small.write_text(SMALL.replace("seed: 5", "seed: 8") + faults)
     folder, document = tmp_path / "out", tmp_path / "told.json"
     command = ["campaign", str(small), "--set", "seed=1", "--out", str(folder), "--jobs", "1", "--json", str(document)]
     status, said = main(command), capsys.readouterr()
