@@ -26,7 +26,7 @@ Rows = list[dict[str, str]]
 WIDTH, DPI = 4.4, 180  # inches, dots per inch: pages show less than half of the dots
 CAMPAIGNS = (
     ("do_no_harm", "anything fails"),
-    ("wrong_control", "the controller is wrong"),
+    ("wrong_control", "control is wrong"),
     ("healthy", "nothing fails"),
 )
 HOLDS = 90.0  # %, drawn in another colour
@@ -75,7 +75,7 @@ def supervision(tables: Sequence[tuple[str, Rows]]) -> Figure:
     figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     axes: Any = figure.subplots(2, 1)
     text: Any = {"va": "center", "fontsize": 8}
-    titles = ("synchronism lost", "ITAE above 1.05 times no control's, or lost")
+    titles = ("synchronism lost", "harm: ITAE more than 5 % above, or lost")
     for axis, title, row in zip(axes, titles, (1, 2), strict=True):
         for place, (_, table) in enumerate(tables):
             for shift, column, colour, words in (

@@ -31,6 +31,7 @@ KINDS = {
     "wrong sign": "from the event on all setpoints have the wrong sign",
     "noise": "no event; the measure is the variance of the speed differences",
 }
+CALLED = {"wrong sign": "wrong sign behind the supervisor"}  # on cards: the device is told the wrong sign
 
 
 class Grid(NamedTuple):
@@ -162,6 +163,7 @@ def drawn(grid: Grid) -> dict[str, Any]:
         "beside": grid.beside,
         **grid.signals,
         "kinds": {**KINDS, "drift": grid.drift[0]},
+        "called": CALLED,
         "cases": cases,
     }
 

@@ -67,8 +67,14 @@ def test_rates_of_supervision_are_those_of_the_campaigns() -> None:
             number, percent = row["with supervision, number"], float(row["with supervision, percent"])
             assert f"{number} of {row['cases']}" in page or f"{number} ({percent:.2f} %)" in page, row
             assert re.search(rf"\b{row['without supervision, number']}\b", page), row
+    assert of_wrong_signs("A wrong sign in the controller is found", "wrong_sign") in page
+    assert of_wrong_signs("behind the supervisor", "wrong_sign_behind") in page
+    for fault, name in (("wrong_sign", "in the controller"), ("wrong_sign_behind", "behind the supervisor")):
+        row = next(row for row in rows("wrong_control/table_faults.csv") if row["fault"] == fault)
+        cells = [row["armed"], f"{row['tripped']} tripped", row["median, s"], row["99 %, s"]]
+        assert f"| wrong sign {name} | {' | '.join(cells)} |" in page
     total = rows("healthy/table_healthy.csv")[-1]
-    for name in ("fell back or tripped", "harmful"):
+    for name in ("fell back or tripped", "costly"):
         number, percent = total[f"{name}, number"], float(total[f"{name}, percent"])
         assert re.search(rf"\b{number} .{{0,30}}\({percent:.2f} %\)", page), name
     for campaign, who in (("do_no_harm", "all controllers"), ("healthy", "lead-lags and LQG")):
@@ -127,7 +133,7 @@ def limit(study: str, **asked: str) -> list[float]:
 
 
 def rate(campaign: str, row: int, side: str, table: str = "outcomes") -> str:
-    """A rate in per cent; rows of outcomes: 1, synchronism lost; 2, ITAE above 1.05."""
+    """A rate in per cent; rows of outcomes: 1, synchronism lost; 2, harm."""
     return rows(f"{campaign}/table_{table}.csv")[row][f"{side}, percent"]
 
 
@@ -201,6 +207,12 @@ def of_delays() -> list[str]:
     ]
 
 
+def of_wrong_signs(place: str, fault: str) -> str:
+    """How soon a wrong sign is found, in how many of the cases."""
+    row = next(row for row in rows("wrong_control/table_faults.csv") if row["fault"] == fault)
+    return f"{place} in {row['median, s']} s ({row['tripped']} of {row['armed']}"
+
+
 def of_supervision() -> list[str]:
     harm = [[f"{float(rate(name, row, f'{side} supervision')):.2f}" for side in ("with", "without")]
             for name in ("do_no_harm", "wrong_control") for row in (1, 2)]  # fmt: skip
@@ -212,7 +224,7 @@ def of_supervision() -> list[str]:
         f"these are {harm[2][0]} % ({harm[2][1]} %) and {harm[3][0]} % ({harm[3][1]} %)",
         *(
             f"{float(rate(name, -1, 'fell back or tripped', 'healthy')):.2f} %{more}, "
-            f"{float(rate(name, -1, 'harmful', 'healthy')):.2f} % with harm"
+            f"{float(rate(name, -1, 'costly', 'healthy')):.2f} % at a cost"
             for name, more in (("healthy", " of the cases without a fault"), ("do_no_harm", ""))
         ),
         f"about {round(100 * (float(costs[0]['ITAE beside no supervision, median']) - 1))} % higher in the median",
@@ -310,7 +322,7 @@ def test_findings_of_readme_are_those_of_the_tables() -> None:
         .split()
     )
     ratio, low, high = (value.lstrip("+") for value in learning())
-    trips, harm = (float(rate("healthy", -1, name, "healthy")) for name in ("fell back or tripped", "harmful"))
+    trips, costly = (float(rate("healthy", -1, name, "healthy")) for name in ("fell back or tripped", "costly"))
     lost, alone = (float(rate("wrong_control", 1, f"{side} supervision")) for side in ("with", "without"))
     cases = rows("wrong_control/table_outcomes.csv")[1]["cases"]
     (seeds,) = {row["seeds"] for row in rows("deployment_margin/margins.csv")}
@@ -323,8 +335,10 @@ def test_findings_of_readme_are_those_of_the_tables() -> None:
         f"the thesis's with {interval('LLC')}",
         f"(medians of {seeds} seeds; the intact grid has {100 * least_damped():.1f} % without control)",
         f"trips {trips:.1f} % of {rows('healthy/table_outcomes.csv')[0]['cases']} healthy runs of lead-lags and LQG",
-        f"{harm:.1f} % with harm",
-        f"Of {cases} cases with a wrong controller",
+        f"{costly:.1f} % at a cost",
+        f"Of {cases} cases with wrong control",
+        of_wrong_signs("A wrong sign in the controller is found", "wrong_sign"),
+        of_wrong_signs("behind the supervisor", "wrong_sign_behind"),
         f"{lost:.1f} % lose it instead of {alone:.1f} %",
         f"{traces_of_psse()}, the others within 10 % with",
     ]

@@ -6,11 +6,13 @@ import csv
 import json
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError
+from facts_damping.monitor_table import CODES, MONITORS, TRIPPED
 from facts_damping.output.terminal import Progress
 from facts_damping.parameters.files import shipped
 from facts_damping.simulation import loop
@@ -81,6 +83,24 @@ def test_campaign_fault_makes_a_run(fault: str, small: Path) -> None:
         assert (case.document() == sound.document()) == (fault in ("none", *ONLY_REAL))
 
 
+def test_supervisor_sees_a_wrong_sign_in_the_controller_and_none_behind_it(small: Path) -> None:
+    """At the device both are the same; the monitor `harm` judges what passes the supervisor, and trips only one."""
+    plan = campaign.plan(str(small), ["duration=7", "controllers.0.name=LLC", "link=ideal", "scenario=small"])
+    begun, passed, acting = 120, {}, {}
+    for fault in ("none", "wrong_sign", "wrong_sign_behind"):
+        choice = campaign.Choice("two_area", {}, fault, begun / 60, None, 1)
+        run_record = loop.run(campaign.case_of(plan, campaign.drawn(plan, 0, choice, np.random.default_rng(1))))
+        trips = run_record.supervision[run_record.supervision["state"] == TRIPPED]
+        assert set(trips["cause"]) == ({CODES["harm"]} if fault == "wrong_sign" else set())
+        added = np.nan_to_num(run_record.supervision["values"][:, CODES["harm"]])
+        assert (added.max() > MONITORS["harm"].limit) == (fault == "wrong_sign")
+        passed[fault], acting[fault] = run_record.supervised["value"], run_record.applied["value"]
+    right = passed["none"][begun]
+    assert right == acting["none"][begun] != 0.0
+    assert [passed[fault][begun] for fault in ("wrong_sign", "wrong_sign_behind")] == [-right, right]
+    assert [acting[fault][begun] for fault in ("wrong_sign", "wrong_sign_behind")] == [-right, -right]
+
+
 def test_draw_is_its_number_s_whatever_was_drawn_before(small: Path) -> None:
     plan = campaign.plan(str(small))
     first = [campaign.draw(plan, number) for number in range(6)]
@@ -129,24 +149,27 @@ def drawn_row(itae: float | None = 1.0, fault: str = "none", lasts: str = "", **
     return DrawRow(0, error=None, drawn=drawn, judgement=judgement, unsupervised=free)
 
 
-def test_harmful_trips_are_counted_of_all_healthy_draws() -> None:
+def test_costly_trips_are_counted_of_all_healthy_draws() -> None:
     off: dict[str, Any] = {"tripped_s": 5.0, "cause": "growing"}
-    harmful = [drawn_row(1.06, **off), drawn_row(None, **off)]
+    costly = [drawn_row(1.06, **off), drawn_row(None, **off)]
     others = [drawn_row(0.9, **off), drawn_row(1.04, **off), drawn_row(2.0), drawn_row(armed_s=None)]
-    rows = [*harmful, *others, drawn_row(9.0, "wrong_sign", **off)]
+    rows = [*costly, *others, drawn_row(9.0, "wrong_sign", **off)]
     of_all = campaign_tables.healthy_table(rows).rows[0]
     assert of_all[:4] == ["smib", "all", "6", "1"]
     assert [(cell.number, cell.percent) for cell in of_all[4:]] == [(4, 66.67), (2, 33.33), (1, 16.67)]
 
 
-def test_wrong_sign_that_was_never_found_is_missed() -> None:
-    long = [drawn_row(fault="wrong_sign", detected_s=detected_s) for detected_s in (2.0, None)]
-    beside = [drawn_row(fault="wrong_sign", lasts="0.1"), drawn_row(fault="wrong_sign", armed_s=None), drawn_row()]
+@pytest.mark.parametrize("fault", ["wrong_sign", "wrong_sign_behind"])
+def test_wrong_sign_that_was_never_found_is_missed(fault: str) -> None:
+    long = [drawn_row(fault=fault, detected_s=detected_s) for detected_s in (2.0, None)]
+    beside = [drawn_row(fault=fault, lasts="0.1"), drawn_row(fault=fault, armed_s=None), drawn_row()]
     *_, row = campaign_tables.missed_table([*long, *beside]).markdown()
     assert "| 2 | 1: 50.00 % (9.45 to 90.55) | 0 |" in row
 
 
 def test_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    faults = "faults: {wrong_sign: 1, wrong_sign_behind: 1, cut_both: 2}"
+    small.write_text(SMALL.replace("seed: 5", "seed: 8") + faults)
     folder, document = tmp_path / "out", tmp_path / "told.json"
     command = ["campaign", str(small), "--set", "seed=1", "--out", str(folder), "--jobs", "1", "--json", str(document)]
     status, said = main(command), capsys.readouterr()

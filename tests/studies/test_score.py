@@ -13,7 +13,7 @@ import pytest
 import facts_damping as fd
 from facts_damping.cli.main import main
 from facts_damping_studies.score import card
-from facts_damping_studies.score.card import LOST, case_of, estimate, logs, ranking, read_set
+from facts_damping_studies.score.card import LOST, case_of, estimate, logs, ranking, read_set, set_of
 from facts_damping_studies.score.measure import Measured, measure
 from facts_damping_studies.score.pages import ranking_table, write_ranking
 from facts_damping_studies.score.worst import worst
@@ -52,7 +52,17 @@ def cases() -> str:
 
 @pytest.mark.parametrize(("name", "digest"), FROZEN.items())
 def test_version_of_a_set_never_changes(name: str, digest: str) -> None:
-    assert read_set(name).digest == digest
+    """Nor does its digest, if cards call a kind by a clearer name."""
+    case_set = read_set(name)
+    assert case_set.digest == digest
+    assert "wrong sign behind the supervisor" in case_set.content.kinds
+    assert "wrong sign" not in [*case_set.content.kinds, *(case.kind for case in case_set.content.cases)]
+
+
+def test_name_of_a_kind_that_a_set_lacks_is_refused(cases: str) -> None:
+    content = read_set(cases).content.model_dump() | {"called": {"drift": "moved"}}
+    with pytest.raises(fd.InputError, match="mine: called: 'drift' given; allowed: nominal, delay 100 ms, noise"):
+        set_of("mine", content, "mine")
 
 
 @pytest.mark.parametrize("name", FROZEN)

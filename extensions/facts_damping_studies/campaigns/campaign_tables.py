@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     Rows = Sequence[DrawRow]  # without an error
 
+# Harm is beside no control: a case's ITAE is above `HARM` times that without, or it loses synchronism that is kept
+# without. A trip is costly or helpful beside the same controller without supervision, by the same factor.
 CYCLING, FREQUENT = "limit cycle at the control rate", MONITORS["reversals"].limit
 WORDS = {
     "within_limits": "outputs within limits, rates and authority",
@@ -30,14 +32,14 @@ WORDS = {
     "device_at_zero": "the device at zero after a trip",
     "cause_recorded": "every trip has its cause recorded",
     "keeps_synchronism": "synchronism kept if it is kept without control",
-    "does_no_harm": f"ITAE at most {HARM:g} times that without control",
+    "does_no_harm": f"no harm: ITAE at most {HARM:g} times that without control",
     "recorded": "the recording complete and readable",
     "as_computed": "the recording equal to the in-process run, bit for bit",
     "nothing_forged_acts": "no forged message has an effect",
 }
 
 
-TURNED = ("wrong_sign", "sign_swapped")  # faults by which control adds to an oscillation
+TURNED = ("wrong_sign", "wrong_sign_behind", "sign_swapped")  # faults by which control adds to an oscillation
 
 
 LONG_S = 5.0  # s: a fault that lasts as long should be found
@@ -114,7 +116,7 @@ def outcome_table(rows: Rows) -> Table:
         lost.append(sum(row.effect.uncontrolled_lost_s is not None for row in some))
         lines.append([what, str(len(some)), *(Fraction.of(count, len(some)) for count in lost)])
     harms = [sum(effect.does_no_harm is False for effect in effects) for effects in _effects(able, free=free)]
-    harm = f"ITAE above {HARM:g} times that without control, or synchronism lost; of those that keep it without"
+    harm = f"harm: ITAE above {HARM:g} times that without control, or synchronism lost; of those that keep it without"
     lines.append([harm, str(len(able)), *(Fraction.of(count, len(able)) for count in harms), "-"])
     without = ["without supervision"] if free else []
     return Table(["what", "cases", "with supervision", *without, "without control"], lines)
@@ -127,7 +129,7 @@ def _effects(rows: Rows, *, free: bool) -> list[list[Effect] | list[EffectAlone]
 
 
 def healthy_table(rows: Rows) -> Table:
-    """Of all draws in which nothing fails, by system and monitor: how many were taken off, and how many with harm."""
+    """Of all draws in which nothing fails, by system and monitor: how many were taken off, at a cost or to benefit."""
     healthy, lines = [row for row in rows if row.drawn.fault == NOTHING], []
     for system in [*sorted({row.drawn.base_run for row in healthy}), ""]:
         system_rows = [row for row in healthy if system in ("", row.drawn.base_run)]
@@ -135,7 +137,7 @@ def healthy_table(rows: Rows) -> Table:
         monitors = sorted({cause(row) for row in off})
         for monitor in ["", *monitors] if system else [""]:
             by = [row for row in off if monitor in ("", cause(row))]
-            counts = [sum(which(row) for row in by) for which in (_harmed, _helped)]
+            counts = [sum(which(row) for row in by) for which in (_costly, _helpful)]
             never = str(sum(row.actions.armed_s is None for row in system_rows)) if not monitor else ""
             lines.append(
                 [
@@ -147,7 +149,7 @@ def healthy_table(rows: Rows) -> Table:
                 ]
             )
             lines[-1] += [Fraction.of(count, len(system_rows)) for count in counts]
-    heads = ["system", "monitor", "healthy cases", "never armed", "fell back or tripped", "harmful", "helpful"]
+    heads = ["system", "monitor", "healthy cases", "never armed", "fell back or tripped", "costly", "helpful"]
     return Table(heads, lines, 2)
 
 
@@ -166,26 +168,26 @@ def missed_table(rows: Rows) -> Table:
         "system",
         f"armed cases, {LONG_S:g} s or longer",
         "missed",
-        f"of these above {HARM:g}",
+        "of these with harm",
     ]
     return Table(heads, lines, 2)
 
 
 def limit_table(rows: Rows) -> Table:
-    """By the limit that was drawn: harm to healthy draws, and wrong signs found with the monitor `harm` and without."""
+    """By the limit that was drawn: trips of healthy draws; wrong signs found with the monitor `harm` and without."""
     lines: list[list[Any]] = []
     for name in sorted({row.drawn.labels["limit"] for row in rows}, key=float):
         limit_rows = [row for row in rows if row.drawn.labels["limit"] == name]
         healthy = [row for row in limit_rows if row.drawn.fault == NOTHING]
         lines.append([name, str(len(healthy))])
-        lines[-1] += [Fraction.of(sum(which(row) for row in healthy), len(healthy)) for which in (taken_off, _harmed)]
+        lines[-1] += [Fraction.of(sum(which(row) for row in healthy), len(healthy)) for which in (taken_off, _costly)]
         wrong = [row for row in limit_rows if row.drawn.fault in TURNED and _acts(row)]
         for harm in ("on", "off"):
             asked = [row for row in wrong if row.drawn.labels["harm"] == harm]
             detected = _detected(asked)
             lines[-1] += [str(len(asked)), Fraction.of(len(detected), len(asked)), _times(detected)[0]]
-    heads = ["limit, 1/s", "healthy cases", "tripped", "harmful", "wrong signs", "found", "median, s"]
-    heads += ["wrong signs without harm", "found without harm", "median without harm, s"]
+    heads = ["limit, 1/s", "healthy cases", "tripped", "costly", "wrong signs", "found", "median, s"]
+    heads += ["wrong signs, monitor harm off", "found, monitor harm off", "median, monitor harm off, s"]
     return Table(heads, lines)
 
 
@@ -209,13 +211,13 @@ def cause(row: DrawRow) -> str:
     return str(row.actions.fallback_cause or row.actions.cause)
 
 
-def _harmed(row: DrawRow) -> bool:
-    """Whether it was taken off with harm: beside the same controller without supervision."""
+def _costly(row: DrawRow) -> bool:
+    """Whether it was taken off at a cost: its ITAE is above that of the same controller without supervision."""
     index, free = row.effect.ITAE, row.unsupervised_itae
     return taken_off(row) and free is not None and (index is None or index > HARM * free)
 
 
-def _helped(row: DrawRow) -> bool:
+def _helpful(row: DrawRow) -> bool:
     """Whether it was taken off to the grid's benefit, by the same measure."""
     index, free = row.effect.ITAE, row.unsupervised_itae
     return taken_off(row) and index is not None and (free is None or HARM * index < free)
@@ -259,13 +261,13 @@ def grid_table(rows: Rows) -> Table:
             ]
             pairs = [Pair(*pair) for pair in zip(*cells, strict=True)]
             lines.append([name, str(len(fitting)), pairs[0], str(len(able)), *pairs[1:]])
-    heads = ["what is wrong", "cases", "synchronism lost", "compared", f"above {HARM:g}"]
+    heads = ["what is wrong", "cases", "synchronism lost", "compared", "harm"]
     heads += ["ITAE, median", "ITAE, 90 %", "ITAE, 99 %"]
     return Table(heads, lines)
 
 
 def place_table(rows: Rows) -> Table:
-    """By system and scenario: how often ITAE exceeds that without control, and how often before or without a fault."""
+    """By system and scenario: how often control does harm, and how often before or without a fault."""
     lines = []
     for place in sorted({row.drawn.place for row in rows}):
         place_rows = [row for row in rows if row.drawn.place == place]
@@ -277,7 +279,7 @@ def place_table(rows: Rows) -> Table:
         without = f"{median(plain):.3g}" if plain else "synchronism lost"
         cells = [without, str(len(able)), str(len(above)), percent(len(above), len(able)), str(calm), str(len(bare))]
         lines.append([" ".join(place), str(len(place_rows)), *cells])
-    heads = ["system, scenario", "cases", "ITAE without control", "can violate", f"above {HARM:g}, or lost", "%"]
+    heads = ["system, scenario", "cases", "ITAE without control", "can be harmed", "harm", "%"]
     heads += ["of these before a fault", "without supervision"]
     return Table(heads, lines)
 
@@ -309,7 +311,7 @@ def controller_table(rows: Rows) -> Table:
         counts = [str(len(controller_rows)), str(never), f"{tripped} of {len(calm)}", f"{harmful} of {able}", str(lost)]
         lines.append([" ".join(part for part in law if part), *counts])
     heads = ["controller", "cases", "never armed", "tripped although nothing failed"]
-    heads += [f"ITAE above {HARM:g}, or lost", "synchronism lost that is kept without"]
+    heads += ["harm", "synchronism lost that is kept without"]
     return Table(heads, sorted(lines))
 
 

@@ -212,6 +212,8 @@ FAULTS = {
                                 "measurement": _channel})),
     "spoofed": Fault("path", True, "stamps of frames are wrong by 10 ms to 5 s",
                      _path("up", {"model": "spoof", "offset": _either(0.01, 5.0)})),
+    "wrong_sign_behind": Fault("path", True, "setpoints have the wrong sign behind the supervisor",
+                               _path("down", {"model": "scale", "factor": -1.0})),
     "tampered": Fault("path", True, "setpoints are changed with a valid key: sign, offset, noise or freeze",
                       _one_path("down", {"model": "scale", "factor": -1.0}, {"model": "freeze"},
                                 {"model": "bias", "bias": _of_limit(_either(0.05, 1.0))},
@@ -228,7 +230,8 @@ FAULTS = {
     "clock_offset": Fault("pmu", True, "a PMU's clock is wrong by 10 us to 0.5 s from the beginning",
                           _clock(offset=_either(1e-5, 0.5))),
     # In the controller and the supervisor:
-    "wrong_sign": Fault("controller", True, "its setpoints have the wrong sign", _controller(kind="wrong_sign")),
+    "wrong_sign": Fault("controller", True, "its setpoints have the wrong sign in the controller",
+                        _controller(kind="wrong_sign")),
     "gain": Fault("controller", True, "its setpoints are 2 to 50 times as large",
                   _controller(kind="gain", size=_between(2.0, 50.0))),
     "output_stuck": Fault("controller", True, "its setpoints stay constant", _controller(kind="stuck")),

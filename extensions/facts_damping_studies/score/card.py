@@ -20,10 +20,11 @@ import numpy as np
 
 from facts_damping.case.changes import as_sets, change
 from facts_damping.case.loading import changed_case
-from facts_damping.errors import FactsDampingError, InputError, one_line
+from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import find, read_table
 from facts_damping.simulation.loop import build_loop
+from facts_damping_studies.campaigns.invariants import HARM
 from facts_damping_studies.score.case_set import CaseSet
 from facts_damping_studies.score.measure import Measured, measure
 from facts_damping_studies.score.score_card import Estimate, KindScore, ScoreCard
@@ -58,10 +59,22 @@ def read_set(name: str) -> Set:
 
 
 def set_of(name: str, content: dict[str, Any], source: str) -> Set:
-    """A set of cases from the content of its file. Raises `InputError`."""
+    """A set of cases from the content of its file, with its kinds as cards call them. Raises `InputError`.
+
+    The digest is of the cases; what their kinds are called on cards is no part of it.
+    """
     checked = check(CaseSet, content, source)
-    text = json.dumps(checked.model_dump(mode="json"), sort_keys=True)
-    return Set(f"{name} {checked.version}", checked, hashlib.sha256(text.encode()).hexdigest()[:16])
+    for kind in checked.called:
+        check_known(f"{source}: called", kind, list(checked.kinds))
+    text = json.dumps(checked.model_dump(mode="json", exclude={"called"}), sort_keys=True)
+    return Set(f"{name} {checked.version}", _as_called(checked), hashlib.sha256(text.encode()).hexdigest()[:16])
+
+
+def _as_called(content: CaseSet) -> CaseSet:
+    """The set with the names of its kinds on cards."""
+    kinds = {content.called.get(kind, kind): text for kind, text in content.kinds.items()}
+    cases = [case.model_copy(update={"kind": content.called.get(case.kind, case.kind)}) for case in content.cases]
+    return content.model_copy(update={"kinds": kinds, "cases": cases, "called": {}})
 
 
 def run_set(
@@ -181,7 +194,7 @@ def card(case_set: Set, name: str, measured_runs: Mapping[str, Sequence[Measured
         effort=_rounded(float(np.mean([measured.effort for measured in measured_cases]))),
         saturated=_rounded(float(np.mean([measured.saturated for measured in measured_cases]))),
         cases=[(kind, _plain(measured)) for kind, measured in zip(kinds, measured_cases, strict=True)],
-        does_harm=[kind for kind, row in by_kind.items() if row.change.low > NOTICED],
+        does_harm=[kind for kind, row in by_kind.items() if row.change.low > 100.0 * (HARM - 1.0)],
     )
 
 

@@ -34,4 +34,5 @@ class CaseSet(ParameterModel):
     devices: list[Name] = Field(["sssc"], min_length=1, description="devices of a controller that names none")
     signals: list[Name] = Field(["speed"], min_length=1, description="signals of a controller that names none")
     kinds: dict[str, str] = Field(..., min_length=1, description="kind of case: what it is")
+    called: dict[str, str] = Field({}, description="kind of case: its name on cards, where that is another one")
     cases: list[ScoredCase] = Field(..., min_length=1, description="the cases")

@@ -122,7 +122,8 @@ def _presets(case: Case) -> list[Control]:
         Control(_shown("preset/cut", "a link that fails", "button"), lambda _, __: fail),
     ]
     if case.controllers:
-        shown = _shown(SIGN, "a controller with the wrong sign", "toggle", value=False)
+        place = "in the controller" if _has_gain(case) else "behind the supervisor"
+        shown = _shown(SIGN, f"wrong sign {place}", "toggle", value=False)
         presets.append(Control(shown, partial(_wrong_sign, case), keeps=True))
     return presets
 

@@ -164,6 +164,7 @@ def test_wrong_sign_is_a_parameter_where_there_is_a_gain_and_else_on_the_way_to_
     node = f"{names.controller_addresses(case)[0]}/set_parameters"
     asked = [sign.request(wrong, {(controls.SIGN, ""): wrong}) for wrong in (True, False)]
     assert asked == [controls.Request(controls.PARAMETER, node, ("gain", gain)) for gain in (-12.0, 12.0)]
+    assert sign.shown["label"] == "wrong sign in the controller"
     case = load_case("two_area_deployment", ["controllers.0.name=LQG"])
     sign = controls.controls(case)[controls.SIGN]
     links = [
@@ -171,6 +172,7 @@ def test_wrong_sign_is_a_parameter_where_there_is_a_gain_and_else_on_the_way_to_
         for wrong in (True, False)
     ]
     assert links[0].down[-1].model_dump()["factor"] == -1.0
+    assert sign.shown["label"] == "wrong sign behind the supervisor"
     assert links[1] == case.links[0]
 
 
