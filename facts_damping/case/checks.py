@@ -46,7 +46,7 @@ def check_case(case: Case) -> None:
     _check_channels(case)
     check_measurement(case)
     commanded: set[str] = set()
-    for c, controller in enumerate(run.controllers):
+    for c, controller in enumerate(case.controllers):
         here, row = f"controllers.{c}", kind_of(controller)
         for device in controller.devices:
             check_known(f"{here}.devices", device, run.devices)

@@ -145,10 +145,10 @@ def _tuned_in(laws: list[dict[str, Any]]) -> Iterator[str]:
 def _controllers(laws: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The table of controllers, for a single signal and a single device, with their tuned laws."""
     from facts_damping.control.bank import RULES
-    from facts_damping.control.table import CONTROLLERS, kind, kind_name
+    from facts_damping.control.table import CONTROLLERS, OWN, kind, kind_name
     from facts_damping.neurofuzzy.network import counted
 
-    names = dict.fromkeys([*CONTROLLERS, *(kind_name(row["name"]) for row in laws)])
+    policies = dict.fromkeys(CONTROLLERS) | {kind_name(row["name"]): row["policy"] for row in laws}
     return [
         {
             "name": name,
@@ -161,5 +161,5 @@ def _controllers(laws: list[dict[str, Any]]) -> list[dict[str, Any]]:
             "parameters": {key: parameter.default for key, parameter in row.parameters.items()},
             "tuned": [a_law for a_law in laws if kind_name(a_law["name"]) == name],
         }
-        for name, row in ((name, kind(name)) for name in names)
+        for name, row in ((name, OWN["policy"] if policy else kind(name)) for name, policy in policies.items())
     ]
