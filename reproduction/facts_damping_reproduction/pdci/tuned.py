@@ -2,7 +2,8 @@
 
     python -m facts_damping_reproduction.pdci.tuned results/pdci
 
-writes `tuned.csv` into the folder. It takes most of an hour; searches and cases in the folder are not computed again.
+writes `tuned.csv` into the folder, and a file of parameters for each search into `controllers` in it (`--set tuning=`
+takes them). It takes most of an hour; searches and cases in the folder are not computed again.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import numpy as np
 
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.output.writing import write_whole
+from facts_damping.parameters.run import Tuned, TunedController
+from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping_reproduction.adaptation import decide
 from facts_damping_reproduction.adaptation.arms import Space, space
@@ -24,6 +27,7 @@ from facts_damping_reproduction.pdci import study
 from facts_damping_reproduction.score_cases import number, scaled
 from facts_damping_studies.pages import as_csv
 from facts_damping_studies.score.card import NONE, log_ratio
+from facts_damping_studies.search.tune import document
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -172,10 +176,43 @@ def _counted(experiment: dict[str, Any], arm: str) -> dict[str, Any]:
     return {"lost": lost, "effort": effort, "loops": sum(search["loops"] for search in searches), "training": value}
 
 
+def parameters(experiment: dict[str, Any]) -> dict[str, str]:
+    """What each search found, as the text of a file of parameters, by the file's name."""
+    return {
+        f"minniwecc_{arm.replace(' ', '_').replace(',', '')}_{seed}.yaml": _text(arm, seed, search)
+        for (arm, seed), search in experiment["searches"].items()
+    }
+
+
+def _text(arm: str, seed: int, search: dict[str, Any]) -> str:
+    [row] = search["rows"]
+    chosen = TunedController(
+        **{name: row[name] for name in ("name", "scheme", "compensation", "parameters")}, objective=search["value"]
+    )
+    file = Tuned(
+        system=WHERE["system"],
+        profile=WHERE["profile"],
+        scenario="training",
+        signals=row["signals"],
+        devices=row["devices"],
+        measurement=plan()["quick"]["measurement"]["filter"],
+        command="python -m facts_damping_reproduction.pdci.tuned results/pdci",
+        controllers=[chosen],
+    )
+    of_search = (
+        f"# {arm}: seed {seed} of the search, {search['loops']} training loops, of {', '.join(plan()['training'])}."
+    )
+    return f"{of_search}\n# Objective: mean log of the ITAE relative to no control.\n{dump(document(file))}"
+
+
 def main(arguments: Sequence[str]) -> None:
     """Compute, or continue, in the folder that is given."""
     folder = Path(arguments[0])
-    rows = ratios(results(folder / "tuned"))
+    experiment = results(folder / "tuned")
+    (folder / "controllers").mkdir(exist_ok=True)
+    for name, text in parameters(experiment).items():
+        write_whole(folder / "controllers" / name, text)
+    rows = ratios(experiment)
     write_whole(folder / "tuned.csv", as_csv(list(rows[0]), [list(row.values()) for row in rows]))
     print(f"written: {folder / 'tuned.csv'}")
 
