@@ -252,7 +252,7 @@ def traces_of_psse() -> str:
 
 def of_pdci() -> list[str]:
     pdci = pages.values(*(numbers(f"pdci/{name}.csv") for name in ("linear", "events", "failures")))
-    assert pdci["supervised"] == "wrong sign"
+    assert pdci["supervised"] == "wrong sign in the controller, wrong sign behind the supervisor"
     damping = (
         f"{pdci['gain']} MW/mHz over 100 ms of delay raise the damping ratio of north-south B from {pdci['b_free']}"
     )

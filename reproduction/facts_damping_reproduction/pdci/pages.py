@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from matplotlib.figure import Figure
 from pyarrow import csv
 
@@ -74,7 +75,8 @@ def plot(rows: Rows, path: Path) -> Path:
 
 def main_pmus() -> tuple[str, list[float]]:
     """The PMUs of the main row, and their delays, s."""
-    return next(iter(study.plan()["measurement"].items()))
+    measurement: dict[str, list[float]] = study.plan()["measurement"]
+    return next(iter(measurement.items()))
 
 
 def span(row: dict[str, Any], mode: str) -> str:
@@ -179,7 +181,7 @@ def moved(rows: Rows) -> float:
     ratios = [
         [row[f"north-south {mode}"] for row in rows if row["converters"] == name for mode in "AB"] for name in kinds
     ]
-    return max(max(each) - min(each) for each in zip(*ratios, strict=True))
+    return float(np.ptp(ratios, axis=0).max())
 
 
 def _cells(row: dict[str, Any], none: float) -> list[str]:

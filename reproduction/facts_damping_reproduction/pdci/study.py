@@ -112,7 +112,7 @@ class Looped:
 
 def latency(case: Case) -> float:
     """Latency of the PMUs' filter, s."""
-    return 0.0 if case.filter is None else case.filter.delay / case.run.frame_rate
+    return case.filter.delay / case.run.frame_rate
 
 
 def whole_ns(seconds: float) -> float:
@@ -194,9 +194,10 @@ def schedule(kind: str) -> dict[str, Any]:
 def per_power(modulation: str) -> float:
     """Power at rest by the setpoint of the modulation: as `conductance` the mean square of both ends' voltages, p.u."""
     case = made({})
-    flow, device = solve(case.system), case.system.device(case.run.devices[0])
-    ends = [abs(flow.voltage[flow.names.index(bus)]) for bus in (device.from_bus, device.to_bus)]
-    return float(np.mean(np.square(ends))) if modulation == "conductance" else 1.0
+    flow, line = solve(case.system), case.run.devices[0]
+    buses = [load.bus for load in case.system.loads if load.name.startswith(line)]
+    squares = [abs(flow.voltage[flow.names.index(bus)]) ** 2 for bus in buses]
+    return float(np.mean(squares)) if modulation == "conductance" else 1.0
 
 
 def events() -> Rows:

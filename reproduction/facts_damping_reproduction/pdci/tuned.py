@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 Rows = list[dict[str, Any]]
 BEGIN = 1.0  # s, of the events
 TRAINING, HELD_OUT = 1, 2  # streams of random numbers
-WHERE = {"system": "minniwecc", "profile": "thesis", "signals": ("hertz",)}  # of the search spaces
+SYSTEM, PROFILE = "minniwecc", "thesis"
+WHERE = {"system": SYSTEM, "profile": PROFILE, "signals": ("hertz",)}  # of the search spaces
 
 
 def plan() -> dict[str, Any]:
@@ -179,7 +180,7 @@ def _counted(experiment: dict[str, Any], arm: str) -> dict[str, Any]:
 def parameters(experiment: dict[str, Any]) -> dict[str, str]:
     """What each search found, as the text of a file of parameters, by the file's name."""
     return {
-        f"minniwecc_{arm.replace(' ', '_').replace(',', '')}_{seed}.yaml": _text(arm, seed, search)
+        f"{SYSTEM}_{arm.replace(' ', '_').replace(',', '')}_{seed}.yaml": _text(arm, seed, search)
         for (arm, seed), search in experiment["searches"].items()
     }
 
@@ -190,8 +191,8 @@ def _text(arm: str, seed: int, search: dict[str, Any]) -> str:
         **{name: row[name] for name in ("name", "scheme", "compensation", "parameters")}, objective=search["value"]
     )
     file = Tuned(
-        system=WHERE["system"],
-        profile=WHERE["profile"],
+        system=SYSTEM,
+        profile=PROFILE,
         scenario="training",
         signals=row["signals"],
         devices=row["devices"],
