@@ -99,8 +99,7 @@ def numbers(table: str) -> list[dict[str, Any]]:
 
 
 def test_page_on_the_pacific_dc_intertie_follows_from_its_tables() -> None:
-    tables = ("linear", "ringdown", "events", "failures", "tuned")
-    built = pages.page({name: numbers(f"pdci/{name}.csv") for name in tables})
+    built = pages.page({name: numbers(f"pdci/{name}.csv") for name in (*pages.STUDIES, "tuned")})
     linked = re.sub(r"\]\(([a-z]+\.(?:png|csv))\)", r"](images/pdci/\1)", built)
     assert (DOCS / "pdci.md").read_text(encoding="utf-8") == linked
 

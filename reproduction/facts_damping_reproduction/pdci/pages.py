@@ -40,7 +40,7 @@ LINES = (
     ("p_class", 0.3),
     ("ideal", 0.1),
 )  # in the figure
-SAID = {"p_class": "PMUs of P class", "ideal": "exact frequencies", "m_class": "PMUs of M class"}
+SAID = {"none": "no control", "p_class": "P class", "ideal": "exact"}  # PMUs of the converters' table
 STUDIES = {
     "linear": study.linear,
     "ringdown": study.ringdowns,
@@ -67,8 +67,9 @@ def plot(rows: Rows, path: Path) -> Path:
         axes.set_title(title, fontsize=9, loc="left")
         axes.set_ylabel("damping ratio [%]", fontsize=8)
         axes.grid(visible=True, color="0.92")
+        axes.set_axisbelow(True)
         axes.axhline(0.0, color="black", lw=0.8)
-    panels[0].legend(title="delay, and up to a frame more", fontsize=7, title_fontsize=7, ncols=2)
+    panels[0].legend(title="P class: delay, and up to a frame more", fontsize=7, title_fontsize=7, ncols=2)
     panels[-1].set_xlabel("gain [MW/mHz]", fontsize=9)
     return save_picture(figure, path, dpi=180, metadata={"Software": None})
 
@@ -145,7 +146,7 @@ def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, Any]:
         "strongest": f"{strongest}",
         "limit_of_strongest": f"{limit(linear, strongest):g} s",
         "harm": f"{100 * (HARM - 1):.0f} %",
-        "alone": ", ".join(worse[0]) or "none",
+        "alone": ", ".join(name for name in worse[0] if name not in worse[1]) or "none",
         "supervised": ", ".join(worse[1]) or "none",
     }
 
@@ -160,7 +161,7 @@ def failure_table(failures: Rows, none: float) -> list[str]:
         row = at(failures, failure=name, supervised=True)
         never = "never armed" if row["armed_s"] is None else "-"
         line.append(never if row["tripped_s"] is None else f"{row['tripped_s']:.1f} s, {row['cause']}")
-    heads = ["from 1 s after the brake", "ITAE", "verdict", "supervised: ITAE", "verdict", "tripped at"]
+    heads = ["failure", "ITAE", "verdict", "supervised: ITAE", "verdict", "tripped at"]
     return table(heads, lines, 1, markdown=True)
 
 
@@ -171,7 +172,7 @@ def converter_table(rows: Rows) -> list[str]:
     for name in study.plan()["converters"]:
         cells = [at(rows, converters=name, measurement=pmus, delay_s=delay) for pmus, delay in loops]
         lines.append([name, *(", ".join(f"{100 * row[f'north-south {mode}']:.1f}" for mode in "AB") for row in cells)])
-    heads = ["without control" if pmus == "none" else f"{SAID[pmus]}, {delay:g} s" for pmus, delay in loops]
+    heads = [SAID[pmus] if delay is None else f"{SAID[pmus]}, {delay:g} s" for pmus, delay in loops]
     return table(["DC lines", *heads], lines, 1, markdown=True)
 
 
