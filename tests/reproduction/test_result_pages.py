@@ -105,8 +105,7 @@ def numbers(table: str) -> list[dict[str, Any]]:
 
 
 def test_page_on_the_pacific_dc_intertie_follows_from_its_tables() -> None:
-    tables = ("linear", "ringdown", "events", "failures", "tuned")
-    built = pages.page({name: numbers(f"pdci/{name}.csv") for name in tables})
+    built = pages.page({name: numbers(f"pdci/{name}.csv") for name in (*pages.STUDIES, "tuned")})
     linked = re.sub(r"\]\(([a-z]+\.(?:png|csv))\)", r"](images/pdci/\1)", built)
     assert (DOCS / "pdci.md").read_text(encoding="utf-8") == linked
 
@@ -266,7 +265,7 @@ def traces_of_psse() -> str:
 
 def of_pdci() -> list[str]:
     pdci = pages.values(*(numbers(f"pdci/{name}.csv") for name in ("linear", "events", "failures")))
-    assert pdci["supervised"] == "wrong sign"
+    assert pdci["supervised"] == "wrong sign in the controller, wrong sign behind the supervisor"
     damping = (
         f"{pdci['gain']} MW/mHz over 100 ms of delay raise the damping ratio of north-south B from {pdci['b_free']}"
     )

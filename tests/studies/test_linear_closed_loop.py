@@ -18,8 +18,9 @@ from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
 from facts_damping.signals import NANOSECONDS, to_ns
 from facts_damping.simulation import loop
+from facts_damping.small_signal import sampled_output
 from facts_damping.small_signal.linearisation import LinearModel, weights_of
-from facts_damping_studies.margins.halved_steps import halvings
+from facts_damping_studies.margins.halved_steps import halvings, samples
 from facts_damping_studies.margins.linear_closed_loop import (
     DelayedLoop,
     Discrete,
@@ -229,6 +230,20 @@ def test_any_small_plant_moves_as_events_in_time_say(states: int, delay: float, 
         state = matrix @ state
     expected = by_events(linear, [delay, delay + lag], x0, ticks)
     np.testing.assert_allclose(state[:states], expected, rtol=0, atol=1e-6 * (1 + np.abs(expected).max()))
+
+
+@some
+@given(per_frame=st.integers(1, 16), switch=st.floats(0, FRAME), seed=st.integers(0, 10_000))
+def test_samples_of_pmus_from_steps_are_those_from_exponentials(per_frame: int, switch: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    A, B, rate = 20.0 * rng.normal(size=(4, 4)), rng.normal(size=(4, 2)), 60.0 * per_frame
+    C, D = rng.normal(size=(3, 4)), rng.normal(size=(3, 2))
+    filters = sampled_output.Filtered(C, D, np.ones((3, 1 + per_frame)), per_frame, rate, 0.0)
+    x, old, new = rng.normal(size=(4, 5)), rng.normal(size=(1, 5)), rng.normal(size=(1, 5))
+    inputs = [([0], old, new, switch), ([1], new, old, FRAME)]
+    onward = halvings(A, B, 1.0 / rate)[0][0]
+    ours = samples(filters, A, B, halvings(A, B, FRAME), onward, x, inputs)
+    np.testing.assert_allclose(ours, sampled_output.samples(filters, A, B, x, inputs), rtol=0, atol=1e-11)
 
 
 def random_loop(states: int, lag: float, seed: int) -> DelayedLoop:

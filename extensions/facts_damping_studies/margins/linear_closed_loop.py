@@ -33,9 +33,9 @@ from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT, to_ns
 from facts_damping.simulation.assembly import build_control
 from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.lqg import washouts
-from facts_damping.small_signal.sampled_output import remember, samples
+from facts_damping.small_signal.sampled_output import remember
 from facts_damping.small_signal.zero_order_hold import rigid
-from facts_damping_studies.margins.halved_steps import effect, halvings
+from facts_damping_studies.margins.halved_steps import effect, halvings, samples
 from facts_damping_studies.margins.unsupervised import unsupervised
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ class DelayedLoop(NamedTuple):
     names: list[str]  # of the plant's states, then of the controllers'
     rigid: NDArray[np.float64]  # (plant's states, 0 to 2), orthonormal: common rotor motions without response
     halved: Halvings  # of the plant over a frame
+    onward: NDArray[np.float64] = np.zeros((0, 0))  # Phi of the plant between two samples of PMUs with a filter
 
 
 class Eigen(NamedTuple):
@@ -127,7 +128,11 @@ def delayed_loop(case: Case) -> DelayedLoop:
         controllers.append(Discrete(*matrices, signals, devices, delays[case.used_links[c]] - min(delays), dead_time))
     used = model.C[sorted({signal for c in controllers for signal in c.signals})]
     still = rigid(model.A, used, built.state_names)
-    return DelayedLoop(model, controllers, rate, names, still, halvings(model.A, model.B, 1.0 / rate))
+    halved = halvings(model.A, model.B, 1.0 / rate)
+    if model.filtered is None:
+        return DelayedLoop(model, controllers, rate, names, still, halved)
+    between = halvings(model.A, model.B, 1.0 / model.filtered.rate)
+    return DelayedLoop(model, controllers, rate, names, still, halved, between[0][0])
 
 
 def link_delays(case: Case) -> list[float]:
@@ -235,7 +240,8 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
         following.append(c.A @ z + c.B @ y)
         buffers.append(setpoints[: -len(c.devices)])
     if filters is not None:
-        buffers.append(remember(filters, samples(filters, model.A, model.B, plant, inputs), memory))
+        sampled_rows = samples(filters, model.A, model.B, loop.halved, loop.onward, plant, inputs)
+        buffers.append(remember(filters, sampled_rows, memory))
     return np.vstack([moved, *following, *buffers])
 
 

@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from matplotlib.figure import Figure
 from pyarrow import csv
 
@@ -32,37 +33,57 @@ if TYPE_CHECKING:
 Rows = list[dict[str, Any]]
 SMALL = 8  # MW/mHz, up to which north-south B is the strongest mode of the response to the brake
 TYPICAL = 0.1  # s, delay of the answers
-SHOWN = (0.0, 0.1, 0.2, 0.3)  # s, delays in the figure
+LINES = (
+    ("p_class", 0.016666667),
+    ("p_class", 0.1),
+    ("p_class", 0.2),
+    ("p_class", 0.3),
+    ("ideal", 0.1),
+)  # in the figure
+SAID = {"none": "no control", "p_class": "P class", "ideal": "exact"}  # PMUs of the converters' table
+STUDIES = {
+    "linear": study.linear,
+    "ringdown": study.ringdowns,
+    "converters": study.converters,
+    "events": study.events,
+    "failures": study.failures,
+}
 NAMES = ("north-south A", "north-south B", "least damped")
 
 
 def plot(rows: Rows, path: Path) -> Path:
-    """Damping ratios against the gain, a panel for each mode and a line for each delay."""
+    """Damping ratios against the gain, a panel for each mode; a band for each delay, as it moves within a frame."""
     figure = Figure(figsize=(4.4, 6.2), layout="constrained")
     panels: Any = figure.subplots(len(NAMES), 1, sharex=True)
     for axes, name in zip(panels, NAMES, strict=True):
-        for pmus, delay, style in _lines():
+        for (pmus, delay), colour in zip(LINES, COLOURS, strict=False):
             shown = [row for row in rows if (row["measurement"], row["delay_s"]) == (pmus, delay)]
-            axes.plot([row["gain"] for row in shown], [100 * row[name] for row in shown], **style)
+            ends = ([100 * row[f"{name}, {end}"] for row in shown] for end in ("min", "max"))
+            exact = {"hatch": "////", "facecolor": "none", "edgecolor": "0.5", "lw": 0.0}
+            style = exact if pmus == "ideal" else {"color": colour, "alpha": 0.6, "lw": 0.8}
+            more = ", exact frequencies" if pmus == "ideal" else ""
+            axes.fill_between([row["gain"] for row in shown], *ends, label=f"{delay:.2g} s{more}", **style)
         title = name if name != "least damped" else f"least damped mode below {study.plan()['below']:g} Hz"
         axes.set_title(title, fontsize=9, loc="left")
         axes.set_ylabel("damping ratio [%]", fontsize=8)
         axes.grid(visible=True, color="0.92")
+        axes.set_axisbelow(True)
         axes.axhline(0.0, color="black", lw=0.8)
-    panels[0].legend(title="delay", fontsize=7, title_fontsize=7, ncols=2)
+    panels[0].legend(title="P class: delay, and up to a frame more", fontsize=7, title_fontsize=7, ncols=2)
     panels[-1].set_xlabel("gain [MW/mHz]", fontsize=9)
     return save_picture(figure, path, dpi=180, metadata={"Software": None})
 
 
-def _lines() -> list[tuple[str, float, dict[str, Any]]]:
-    """Measurement, delay and style of the figure's lines."""
-    ideal, *others = study.plan()["measurement"]
-    lines = [
-        (ideal, delay, {"color": colour, "marker": ".", "label": f"{delay:g} s"})
-        for delay, colour in zip(SHOWN, COLOURS, strict=False)
-    ]
-    style = {"color": COLOURS[SHOWN.index(TYPICAL)], "linestyle": ":"}
-    return lines + [(pmus, TYPICAL, {**style, "label": f"{TYPICAL:g} s, PMUs of M class"}) for pmus in others]
+def main_pmus() -> tuple[str, list[float]]:
+    """The PMUs of the main row, and their delays, s."""
+    measurement: dict[str, list[float]] = study.plan()["measurement"]
+    return next(iter(measurement.items()))
+
+
+def span(row: dict[str, Any], mode: str) -> str:
+    """The interval of a mode's damping ratio over the phase of the delay."""
+    low, high = (f"{100 * row[f'{mode}, {end}']:.1f}" for end in ("min", "max"))
+    return f"{high} %" if low == high else f"{low} to {high} %"
 
 
 def at(rows: Rows, **asked: Any) -> dict[str, Any]:
@@ -71,10 +92,11 @@ def at(rows: Rows, **asked: Any) -> dict[str, Any]:
 
 
 def limit(rows: Rows, gain: float) -> float:
-    """The largest delay of the plan up to which no slow mode is less damped than without control."""
+    """The largest delay of the plan up to which, at any phase, no slow mode is less damped than without control."""
     free, last = at(rows, gain=0)["least damped"], 0.0
-    for delay in study.plan()["delays"]:
-        if at(rows, gain=gain, delay_s=delay)["least damped"] < free:
+    pmus, delays = main_pmus()
+    for delay in delays:
+        if at(rows, measurement=pmus, gain=gain, delay_s=delay)["least damped, min"] < free:
             break
         last = delay
     return last
@@ -85,7 +107,7 @@ def apart(linear: Rows, ringdown: Rows) -> float:
 
     With larger ones other modes are stronger in the response.
     """
-    small = [row for row in ringdown if row["gain"] <= SMALL and row["delay_s"] < study.plan()["delays"][-1]]
+    small = [row for row in ringdown if row["gain"] <= SMALL and row["delay_s"] < main_pmus()[1][-1]]
     of_linear = [at(linear, gain=row["gain"], delay_s=row["delay_s"])["north-south B"] for row in small]
     return max(
         float(abs(row["damping_ratio"] - linear_ratio)) for row, linear_ratio in zip(small, of_linear, strict=True)
@@ -95,8 +117,11 @@ def apart(linear: Rows, ringdown: Rows) -> float:
 def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, Any]:
     """The numbers of the answers: how much damping, until which delay, what fails how."""
     gain, strongest = study.plan()["gain"], study.plan()["gains"][-1]
-    free, law = at(linear, gain=0), at(linear, gain=gain, delay_s=TYPICAL)
-    filtered = at(linear, measurement="m_class", gain=gain, delay_s=TYPICAL)
+    free, law = at(linear, gain=0), at(linear, measurement=main_pmus()[0], gain=gain, delay_s=TYPICAL)
+    exact, filtered = (
+        at(linear, measurement="ideal", gain=gain, delay_s=TYPICAL),
+        at(linear, measurement="m_class", gain=gain),
+    )
     ratios = [
         at(events, event=kind, gain=gain)["ITAE"] / at(events, event=kind, gain=0)["ITAE"]
         for kind in study.plan()["events"]
@@ -105,12 +130,13 @@ def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, Any]:
     worse = [[row["failure"] for row in failures if row["supervised"] is flag and not row["ITAE"] <= HARM * none]
              for flag in (False, True)]  # fmt: skip
     return {
-        **{
-            f"{name}_{which}": f"{100 * row[mode]:.1f} %"
-            for name, mode in (("a", "north-south A"), ("b", "north-south B"))
-            for which, row in (("free", free), ("law", law))
-        },
-        "b_filtered": f"{100 * filtered['north-south B']:.1f} %",
+        "a_free": f"{100 * free['north-south A']:.1f} %",
+        "b_free": f"{100 * free['north-south B']:.1f} %",
+        "a_law": span(law, "north-south A"),
+        "b_law": span(law, "north-south B"),
+        "b_exact": span(exact, "north-south B"),
+        "b_filtered": span(filtered, "north-south B"),
+        "filtered": f"{1000 * filtered['delay_s']:.0f} ms",
         "gain": f"{gain}",
         "events": f"{len(ratios)}",
         "smallest": f"{100 * (1 - max(ratios)):.0f}",
@@ -120,7 +146,7 @@ def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, Any]:
         "strongest": f"{strongest}",
         "limit_of_strongest": f"{limit(linear, strongest):g} s",
         "harm": f"{100 * (HARM - 1):.0f} %",
-        "alone": ", ".join(worse[0]) or "none",
+        "alone": ", ".join(name for name in worse[0] if name not in worse[1]) or "none",
         "supervised": ", ".join(worse[1]) or "none",
     }
 
@@ -135,8 +161,28 @@ def failure_table(failures: Rows, none: float) -> list[str]:
         row = at(failures, failure=name, supervised=True)
         never = "never armed" if row["armed_s"] is None else "-"
         line.append(never if row["tripped_s"] is None else f"{row['tripped_s']:.1f} s, {row['cause']}")
-    heads = ["from 1 s after the brake", "ITAE", "verdict", "supervised: ITAE", "verdict", "tripped at"]
+    heads = ["failure", "ITAE", "verdict", "supervised: ITAE", "verdict", "tripped at"]
     return table(heads, lines, 1, markdown=True)
+
+
+def converter_table(rows: Rows) -> list[str]:
+    """Damping ratios of north-south A and B, a line for each kind of converters, a column for each loop."""
+    loops = dict.fromkeys((row["measurement"], row["delay_s"]) for row in rows)
+    lines = []
+    for name in study.plan()["converters"]:
+        cells = [at(rows, converters=name, measurement=pmus, delay_s=delay) for pmus, delay in loops]
+        lines.append([name, *(", ".join(f"{100 * row[f'north-south {mode}']:.1f}" for mode in "AB") for row in cells)])
+    heads = [SAID[pmus] if delay is None else f"{SAID[pmus]}, {delay:g} s" for pmus, delay in loops]
+    return table(["DC lines", *heads], lines, 1, markdown=True)
+
+
+def moved(rows: Rows) -> float:
+    """Largest difference that the schedule's kind makes to a damping ratio."""
+    kinds = [name for name, kind in study.plan()["converters"].items() if kind["modulation"] == "power"]
+    ratios = [
+        [row[f"north-south {mode}"] for row in rows if row["converters"] == name for mode in "AB"] for name in kinds
+    ]
+    return float(np.ptp(ratios, axis=0).max())
 
 
 def _cells(row: dict[str, Any], none: float) -> list[str]:
@@ -196,14 +242,15 @@ def page(tables: dict[str, Rows]) -> str:
     none = at(tables["events"], event="brake", gain=0)["ITAE"]
     numbers = values(tables["linear"], tables["events"], tables["failures"])
     numbers |= {"small": f"{SMALL}", "apart": f"{100 * apart(tables['linear'], tables['ringdown']):.1f}"}
+    numbers |= {"moved": f"{100 * moved(tables['converters']):.1f}"}
     numbers |= tuned_values(tables.get("tuned", []))
-    return render("pdci/pdci.md", failures="\n".join(failure_table(tables["failures"], none)), **numbers)
+    parts = {"failures": failure_table(tables["failures"], none), "converters": converter_table(tables["converters"])}
+    return render("pdci/pdci.md", **{name: "\n".join(lines) for name, lines in parts.items()}, **numbers)
 
 
 def write(folder: Path) -> list[Path]:
     """Compute all of it and write it."""
-    studies = {"linear": study.linear, "ringdown": study.ringdowns, "events": study.events, "failures": study.failures}
-    tables = {name: compute() for name, compute in studies.items()}
+    tables = {name: compute() for name, compute in STUDIES.items()}
     for name, rows in tables.items():
         write_whole(folder / f"{name}.csv", as_csv(list(rows[0]), [list(row.values()) for row in rows]))
     before = folder / "tuned.csv"

@@ -2,7 +2,8 @@
 
     python -m facts_damping_reproduction.pdci.tuned results/pdci
 
-writes `tuned.csv` into the folder. It takes most of an hour; searches and cases in the folder are not computed again.
+writes `tuned.csv` into the folder, and what the searches found as laws, `pdci.yaml`. It takes most of an hour;
+searches and cases in the folder are not computed again.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from facts_damping.simulation import loop
 from facts_damping_reproduction.adaptation import decide
 from facts_damping_reproduction.adaptation.arms import Space, space
 from facts_damping_reproduction.adaptation.experiment import evolve, index, kept, outcome
+from facts_damping_reproduction.adaptation.laws import write_laws
 from facts_damping_reproduction.pdci import study
 from facts_damping_reproduction.score_cases import number, scaled
 from facts_damping_studies.pages import as_csv
@@ -34,7 +36,8 @@ if TYPE_CHECKING:
 Rows = list[dict[str, Any]]
 BEGIN = 1.0  # s, of the events
 TRAINING, HELD_OUT = 1, 2  # streams of random numbers
-WHERE = {"system": "minniwecc", "profile": "thesis", "signals": ("hertz",)}  # of the search spaces
+SYSTEM, PROFILE = "minniwecc", "thesis"
+WHERE = {"system": SYSTEM, "profile": PROFILE, "signals": ("hertz",)}  # of the search spaces
 
 
 def plan() -> dict[str, Any]:
@@ -172,12 +175,21 @@ def _counted(experiment: dict[str, Any], arm: str) -> dict[str, Any]:
     return {"lost": lost, "effort": effort, "loops": sum(search["loops"] for search in searches), "training": value}
 
 
+def laws(experiment: dict[str, Any], folder: Path) -> Path:
+    """Write what the searches found as laws, `LQG@pdci.0`."""
+    about = "Laws of docs/pdci.md, by the seeds of their searches; objective: mean log ITAE relative to no control."
+    command = "python -m facts_damping_reproduction.pdci.tuned results/pdci"
+    where = {"system": SYSTEM, "profile": PROFILE, "scenario": "pdci", "command": command}
+    return write_laws(experiment["searches"], folder / "pdci.yaml", about, **where)
+
+
 def main(arguments: Sequence[str]) -> None:
     """Compute, or continue, in the folder that is given."""
     folder = Path(arguments[0])
-    rows = ratios(results(folder / "tuned"))
+    experiment = results(folder / "tuned")
+    rows = ratios(experiment)
     write_whole(folder / "tuned.csv", as_csv(list(rows[0]), [list(row.values()) for row in rows]))
-    print(f"written: {folder / 'tuned.csv'}")
+    print(f"written: {folder / 'tuned.csv'}, {laws(experiment, folder)}")
 
 
 if __name__ == "__main__":
