@@ -105,12 +105,12 @@ def names_on(section: str) -> set[str]:
 @pytest.mark.parametrize("page", sorted({path.stem for path in DOCS.glob("*.md")} - OF_KINDS))
 def test_page_gives_no_name_to_two_laws(page: str) -> None:
     """A name without `@` is of the file that its section names, or one before it: `Laws: @two_area`, one a system."""
-    text, told = (DOCS / f"{page}.md").read_text(encoding="utf-8"), set[str]()
+    text, stated = (DOCS / f"{page}.md").read_text(encoding="utf-8"), set[str]()
     starts = [0, *(match.start() for match in re.finditer(r"(?m)^## ", text)), len(text)]
     for section in (text[a:b] for a, b in pairwise(starts)):
-        told = set(re.findall(r"`@(\w+)`", " ".join(re.findall(r"[Ll]aws:\s[^;.)]*", section)))) or told
-        assert told <= FILES
-        systems = [tuned.read(files.shipped("controllers")[file]).system for file in told]
+        stated = set(re.findall(r"`@(\w+)`", " ".join(re.findall(r"[Ll]aws:\s[^;.)]*", section)))) or stated
+        assert stated <= FILES
+        systems = [tuned.read(files.shipped("controllers")[file]).system for file in stated]
         assert len(set(systems)) == len(systems)
         for name in names_on(section):
-            assert (name in LAWS) if "@" in name else told, (page, name)
+            assert (name in LAWS) if "@" in name else stated, (page, name)

@@ -77,7 +77,7 @@ def test_rates_of_supervision_are_those_of_the_campaigns() -> None:
     for name in ("fell back or tripped", "costly"):
         number, percent = total[f"{name}, number"], float(total[f"{name}, percent"])
         assert re.search(rf"\b{number} .{{0,30}}\({percent:.2f} %\)", page), name
-    for campaign, who in (("do_no_harm", "all controllers"), ("healthy", "lead-lags and LQG")):
+    for campaign, who in (("do_no_harm", "25 controllers"), ("healthy", "lead-lags and LQG")):
         for row in rows(f"{campaign}/table_cost.csv"):
             assert " | ".join([f"| {row['the controller']}, {who}", *list(row.values())[1:]]) in page
 
