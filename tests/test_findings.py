@@ -21,14 +21,18 @@ from facts_damping_views.report.sections import build
 if TYPE_CHECKING:
     from pathlib import Path
 
-PDCI = "LLC-tuned over a link like the Pacific DC Intertie's"
+PDCI = "over a link like the Pacific DC Intertie's"
 
 
 @pytest.mark.parametrize(
     ("run", "fields", "said"),
     [
-        ("two_area_deployment", {}, f"Two areas, fault and trip of line 3: {PDCI}"),
-        ("two_area_deployment", {"link.up.1.delay": "303 ms"}, f"Two areas, fault and trip of line 3: {PDCI}, changed"),
+        ("two_area_deployment", {}, f"Two areas, fault and trip of line 3: LLC-tuned@two_area_deployment_sssc {PDCI}"),
+        (
+            "two_area_deployment",
+            {"link.up.1.delay": "303 ms"},
+            f"Two areas, fault and trip of line 3: LLC-tuned@two_area_deployment_sssc {PDCI}, changed",
+        ),
         ("two_area_deployment", {"controllers": []}, "Two areas, fault and trip of line 3: no control"),
         ("two_area_small", {}, "Two areas, step of load 2: LLC over a link without delay"),
         (
@@ -37,7 +41,7 @@ PDCI = "LLC-tuned over a link like the Pacific DC Intertie's"
             "Two areas, trip and reclosing of line 2 and mechanical power step of G1: LLC over a ",
         ),
         ("two_area_small", {"scenario": []}, "Two areas: LLC over a link without delay"),
-        ("smib_supervised", {}, f"Single machine, fault of line 1: LLC and {PDCI}"),
+        ("smib_supervised", {}, f"Single machine, fault of line 1: LLC and LLC-tuned@smib_power {PDCI}"),
     ],
 )
 def test_titles_are_words(run: str, fields: dict[str, Any], said: str) -> None:
@@ -53,15 +57,15 @@ def test_several_runs_are_named_by_what_tells_them_apart() -> None:
     late = fd.simulate("two_area_small", link="delay_100ms", **short)
     calm = fd.simulate("two_area_small", scenario=[], link="delay_100ms", **short)
     assert names([llc]) == [title(llc)]
-    assert names([llc, other]) == ["LLC", "HBsWC"]
+    assert names([llc, other]) == ["LLC", "HBsWC@two_area"]
     ideal, slow = names([llc, late])
     assert (ideal, slow) == ("a link without delay", "a constant delay of 100 ms")
-    assert names([llc, other, late]) == [f"LLC, {ideal}", f"HBsWC, {ideal}", f"LLC, {slow}"]
+    assert names([llc, other, late]) == [f"LLC, {ideal}", f"HBsWC@two_area, {ideal}", f"LLC, {slow}"]
     assert names([late, calm]) == ["Two areas, step of load 2", "Two areas"]
     assert names([llc, llc]) == ["1 LLC", "2 LLC"]
     again = fd.simulate("two_area_small", seed=7, **short)
     assert names([llc, again]) == ["seed 0", "seed 7"]
-    assert names_of_seeds([llc, again, other]) == ["LLC (2 seeds)", "LLC (2 seeds)", "HBsWC"]
+    assert names_of_seeds([llc, again, other]) == ["LLC (2 seeds)", "LLC (2 seeds)", "HBsWC@two_area"]
 
 
 def test_seeds_are_a_median_in_a_band() -> None:

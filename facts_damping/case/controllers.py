@@ -76,8 +76,9 @@ def filled(
     chosen_before = system.name in DEFAULTS_FOR or tuned_row is not None or controller.parameters
     untuned = controller.untuned or (not chosen_before and any(p.search for p in row.parameters.values()))
     weights = _weights(controller, scheme, values, f"{here}.weights")
-    as_tuned = controller.profile == USUAL.profile and weights is None and values == completed({})
-    whole_name = controller.name if row.own else tuned_row.name if tuned_row and as_tuned else name
+    plain = controller.profile == USUAL.profile and weights is None and values == completed({})
+    as_tuned = tuned_row if tuned_row and plain and tuned_row.compensation == controller.compensation else None
+    whole_name = controller.name if row.own else as_tuned.name if as_tuned else name
     update = {"name": whole_name, "scheme": scheme, "parameters": values, "weights": weights, "untuned": untuned}
     return controller.model_copy(update=update)
 
