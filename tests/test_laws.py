@@ -25,7 +25,7 @@ LAWS = {
 }
 FILES = {name.partition("@")[2].partition(".")[0] for name in LAWS}
 KINDS = {kind_name(name) for name in LAWS}
-# Pages about kinds of controllers, whatever their parameters.
+# Pages about kinds of controllers, whatever their parameters; and pdci, whose laws were not kept.
 OF_KINDS = {
     "adaptation",
     "commands",
@@ -33,6 +33,7 @@ OF_KINDS = {
     "extensions",
     "glossary",
     "neuro_fuzzy",
+    "pdci",
     "replay",
     "search",
     "tutorial_grid",

@@ -14,7 +14,7 @@ from facts_damping.output.picture_files import save_picture
 from facts_damping.output.tables import table
 from facts_damping.output.writing import write_whole
 from facts_damping_reproduction.adaptation import decide
-from facts_damping_reproduction.adaptation.cases import KINDS
+from facts_damping_reproduction.adaptation.cases import EVENTS, KINDS
 from facts_damping_reproduction.adaptation.decide import BETTER, OPEN, WORSE, Ratio
 from facts_damping_reproduction.adaptation.experiment import plan
 from facts_damping_reproduction.adaptation.laws import write_laws
@@ -30,6 +30,8 @@ FIXED = ("LLC-tuned", "LQG")
 SAYS = {BETTER: "Yes", WORSE: "No, it is worse", decide.ALIKE: "No", OPEN: "It cannot be told"}
 Every = Sequence[Mapping[str, Any]]  # the results of a set of devices: of an experiment, and of its repetitions
 BEST = "the best fixed controller"
+DRAWN = "kinds drawn, too"
+OF_CASES = ("kinds", "events")  # what results have of each case
 FILES = ("what_holds", "what_holds_both")  # of the laws that the searches found, by devices
 OF_LAWS = {
     "system": "two_area",
@@ -154,6 +156,34 @@ def pair_table(every: Every, comparisons: Sequence[Ratio]) -> list[str]:
     return table(["arm", "against", *KINDS, "both of these", "decision"], lines, 2, markdown=True)
 
 
+def event_ratios(every: Every) -> dict[str, list[Ratio]]:
+    """The pairs of the questions where the grid moved, by the kind of event, and with kinds of events drawn, too."""
+    pairs = list(dict.fromkeys((question.arm, question.against) for question in questions(every)))
+    of_kinds = {event: [of_event(some, event) for some in every] for event in EVENTS if event in every[0]["events"]}
+    margin = plan()["margin"]
+    return {
+        event: [decide.ratio(experiments, *pair, MOVED, margin) for pair in pairs]
+        for event, experiments in (of_kinds | {DRAWN: list(every)}).items()
+    }
+
+
+def event_table(by_event: Mapping[str, Sequence[Ratio]]) -> list[str]:
+    """A row for each pair of `event_ratios`."""
+    drawn = by_event[DRAWN]
+    lines = [
+        [whole.arm, whole.against, *(comparisons[i].text() for comparisons in by_event.values()), whole.decision]
+        for i, whole in enumerate(drawn)
+    ]
+    return table(["arm", "against", *by_event, "decision"], lines, 2, markdown=True)
+
+
+def of_event(experiment: Mapping[str, Any], event: str) -> dict[str, Any]:
+    """Results with the cases of a kind of event."""
+    at = [i for i, name in enumerate(experiment["events"]) if name == event]
+    rows_of_event = {key: [case_rows[i] for i in at] for key, case_rows in experiment["rows"].items()}
+    return {**experiment, "rows": rows_of_event} | {name: [experiment[name][i] for i in at] for name in OF_CASES}
+
+
 def repetitions(every: Mapping[int, Mapping[str, Any]], comparisons: Sequence[Ratio]) -> list[str]:
     """The answer of each repetition, by its seed, of all together (`comparisons`), and how many decide as these do."""
     lines = []
@@ -227,7 +257,10 @@ def write(
     `every`: results by seed, then devices; `ratios_by_devices`: their ratios by devices.
     """
     (name, first), *others = by_devices(every).items()
+    by_event = event_ratios(first)
     csv.write_csv(arrow(rows(ratios_by_devices)), folder / "what_holds.csv")
+    of_events = [{"event": event, **row._asdict()} for event, some in by_event.items() for row in some]
+    csv.write_csv(arrow(of_events), folder / "by_event.csv")
     pictures = [plot(ratios_by_devices[name], folder / "what_holds.png"), plot_searches(first, folder / "searches.png")]
     values: dict[str, Any] = {
         "question": plan()["question"].strip(),
@@ -235,6 +268,7 @@ def write(
         "answers": "\n".join(f"- {line}" for line in answers(first, ratios_by_devices[name])),
         "arms": "\n".join(arm_table(first, ratios_by_devices[name])),
         "pairs": "\n".join(pair_table(first, ratios_by_devices[name])),
+        "by_event": "\n".join(event_table(by_event)),
         "network": f"`{first[0]['network']['name']}` {first[0]['network']['scheme']}",
         "cases": str(len(first[0]["kinds"])),
         "seeds": str(plan()["search"]["seeds"]),
@@ -253,4 +287,4 @@ def write(
         write_laws(experiments[0]["searches"], folder / f"{name}.yaml", ABOUT, **OF_LAWS)
         for name, experiments in zip(FILES, by_devices(every).values(), strict=False)
     ]
-    return [folder / "what_holds.md", *pictures, folder / "what_holds.csv", *laws]
+    return [folder / "what_holds.md", *pictures, folder / "what_holds.csv", folder / "by_event.csv", *laws]
