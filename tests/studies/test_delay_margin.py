@@ -347,7 +347,7 @@ def test_command_writes_a_picture_and_a_table(inside: Callable[..., tuple[int, s
     ("arguments", "named"),
     [
         (["--set", "controllers=[]"], "controllers: none given"),
-        (["--set", "controllers.0.name=HBsWC"], "controllers.0.name: 'HBsWC' given, which is not linear"),
+        (["--set", "controllers.0.name=HBsWC"], "controllers.0.name: 'HBsWC@two_area' given, which is not linear"),
         (["--max-delay", "0"], "--max-delay: 0 given; allowed: 0.01 to 10 s"),
         (["--pade", "99"], "--pade: 99 given; allowed: 1 to 10"),
         (["no_such_run"], "no_such_run"),

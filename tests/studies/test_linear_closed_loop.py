@@ -374,8 +374,8 @@ def test_links_keep_how_much_longer_they_are() -> None:
     ("sets", "named"),
     [
         (["controllers=[]"], "controllers: none given"),
-        (["controllers.0.name=HBsWC"], "controllers.0.name: 'HBsWC' given"),
-        (["controllers.0.name=ANFTSC", "controllers.0.scheme=direct"], "controllers.0.name: 'ANFTSC' given"),
+        (["controllers.0.name=HBsWC"], "controllers.0.name: 'HBsWC@two_area' given"),
+        (["controllers.0.name=ANFTSC", "controllers.0.scheme=direct"], "controllers.0.name: 'ANFTSC@two_area' given"),
         (["link.down.0.delay=0.1", "link.down.0.start=1"], "link: .* given; allowed: the same delay for all"),
     ],
 )

@@ -180,7 +180,7 @@ sweep:
     (row,) = [r for r in document["rows"] if r["latency_max_ms"] == pytest.approx(70.0) and r["latency_p0_ms"] == 0.0][
         :1
     ]
-    assert (row["controller"], row["scheme"]) == ("ANFTSC+HBsWC", "indirect")
+    assert (row["controller"], row["scheme"]) == ("ANFTSC@two_area_power_rate+HBsWC@two_area_statcom", "indirect")
     assert (row["controllers.0.link.up.0.delay"], row["controllers.1.link.up.1.delay"]) == (0, 0.05)
     assert [fraction["runs"] for fraction in document["fractions"]] == [2] * 18
     for fraction in document["fractions"]:
@@ -821,6 +821,7 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
             **batch.identity(make(plan.base, point.changes)),
             **point.columns,
         }
+        identity["controller"] = re.sub(r"@\w+", "", identity["controller"])  # older tables have the kinds
         points[tuple(sorted((column_name, cell(identity[column_name])) for column_name, _ in written[0][1]))] = point
     tasks: dict[str, RunRequest] = {}
     expected: list[tuple[str, str, bool]] = []
