@@ -155,5 +155,5 @@ def test_saved_weights_are_begun_with(tmp_path: Path) -> None:
     file = tmp_path / "weights.yaml"
     file.write_text(dump(weights.model_dump()))
     assert with_weights(case.controllers[0], file).weights == weights
-    with pytest.raises(InputError, match=r"weights of HBsWC \(indirect\) given; allowed: those of LLC"):
+    with pytest.raises(InputError, match=r"weights of HBsWC@two_area \(indirect\) given; allowed: those of LLC"):
         with_weights(load_case(None).controllers[0], file)
