@@ -68,12 +68,16 @@ def questions(every: Every) -> list[Question]:
     return [question for question in known if {question.arm, question.against}.issubset(every[0]["arms"])]
 
 
+def pairs(every: Every) -> list[tuple[str, str]]:
+    """The pairs of arms that the questions compare, each once."""
+    return list(dict.fromkeys((question.arm, question.against) for question in questions(every)))
+
+
 def ratios(every: Every) -> list[Ratio]:
     """Every arm against no control, and the pairs of the questions, in each kind of cases and where the grid moved."""
     margin, kinds = plan()["margin"], [(kind,) for kind in KINDS]
-    asked = [(question.arm, question.against) for question in questions(every)]
-    pairs = dict.fromkeys([*((arm, NONE) for arm in every[0]["arms"]), *asked])
-    return [decide.ratio(every, *pair, group, margin) for pair in pairs for group in (*kinds, MOVED, KINDS)]
+    compared = dict.fromkeys([*((arm, NONE) for arm in every[0]["arms"]), *pairs(every)])
+    return [decide.ratio(every, *pair, group, margin) for pair in compared for group in (*kinds, MOVED, KINDS)]
 
 
 def of(comparisons: Sequence[Ratio], arm: str, against: str, kinds: Sequence[str]) -> Ratio:
@@ -151,20 +155,19 @@ def pair_table(every: Every, comparisons: Sequence[Ratio]) -> list[str]:
             *(of(comparisons, arm, against, kinds).text() for kinds in (*((kind,) for kind in KINDS), MOVED)),
             of(comparisons, arm, against, MOVED).decision,
         ]
-        for arm, against in dict.fromkeys((question.arm, question.against) for question in questions(every))
+        for arm, against in pairs(every)
     ]
     return table(["arm", "against", *KINDS, "both of these", "decision"], lines, 2, markdown=True)
 
 
-def event_ratios(every: Every) -> dict[str, list[Ratio]]:
+def event_ratios(every: Every, comparisons: Sequence[Ratio]) -> dict[str, list[Ratio]]:
     """The pairs of the questions where the grid moved, by the kind of event, and with kinds of events drawn, too."""
-    pairs = list(dict.fromkeys((question.arm, question.against) for question in questions(every)))
     of_kinds = {event: [of_event(some, event) for some in every] for event in EVENTS if event in every[0]["events"]}
-    margin = plan()["margin"]
-    return {
-        event: [decide.ratio(experiments, *pair, MOVED, margin) for pair in pairs]
-        for event, experiments in (of_kinds | {DRAWN: list(every)}).items()
+    by_event = {
+        event: [decide.ratio(experiments, *pair, MOVED, plan()["margin"]) for pair in pairs(every)]
+        for event, experiments in of_kinds.items()
     }
+    return {**by_event, DRAWN: [of(comparisons, *pair, MOVED) for pair in pairs(every)]}
 
 
 def event_table(by_event: Mapping[str, Sequence[Ratio]]) -> list[str]:
@@ -257,7 +260,7 @@ def write(
     `every`: results by seed, then devices; `ratios_by_devices`: their ratios by devices.
     """
     (name, first), *others = by_devices(every).items()
-    by_event = event_ratios(first)
+    by_event = event_ratios(first, ratios_by_devices[name])
     csv.write_csv(arrow(rows(ratios_by_devices)), folder / "what_holds.csv")
     of_events = [{"event": event, **row._asdict()} for event, some in by_event.items() for row in some]
     csv.write_csv(arrow(of_events), folder / "by_event.csv")
