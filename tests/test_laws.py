@@ -25,7 +25,7 @@ LAWS = {
 }
 FILES = {name.partition("@")[2].partition(".")[0] for name in LAWS}
 KINDS = {kind_name(name) for name in LAWS}
-# Pages about kinds of controllers, whatever their parameters; and pdci, whose laws were not kept.
+# Pages about kinds of controllers, whatever their parameters.
 OF_KINDS = {
     "adaptation",
     "commands",
@@ -33,7 +33,6 @@ OF_KINDS = {
     "extensions",
     "glossary",
     "neuro_fuzzy",
-    "pdci",
     "replay",
     "search",
     "tutorial_grid",
@@ -42,7 +41,7 @@ OF_KINDS = {
 
 def sets(name: str, system: str, signals: list[str], devices: list[str]) -> list[str]:
     row = f"{{name: '{name}', signals: [{', '.join(signals)}], devices: [{', '.join(devices)}]}}"
-    return [f"system={system}", "scenario=training", f"devices=[{', '.join(devices)}]", f"controllers=[{row}]"]
+    return [f"system={system}", "scenario=[]", f"devices=[{', '.join(devices)}]", f"controllers=[{row}]"]
 
 
 @pytest.mark.parametrize("file", sorted(FILES))

@@ -50,12 +50,6 @@ def saturation_duty(record: Record, since: float = 0.0, until: float = np.inf) -
     }
 
 
-def mean_effort(record: Record) -> float:
-    """Mean of all setpoints relative to their limits, 0 to 1. All devices must have a limit in the configuration."""
-    limits = setpoint_limits(record.configuration)
-    return float((np.abs(record.devices["setpoint"]) / np.array([limits[name] for name in record.device_names])).mean())
-
-
 def max_injected_voltage(record: Record) -> float | None:
     """Largest magnitude of injected series voltage at any frame, p.u.; None without a series device."""
     voltage = np.abs(record.devices["injected_voltage"])

@@ -30,10 +30,11 @@ if TYPE_CHECKING:
 RESPONSE, RUN, AMBIENT, PULSE = "response", "run", "ambient noise", "response to a pulse"  # what a verdict is of
 CLEAR_DB = 10.0  # signal-to-residual ratio of a ringdown of a response that may decide
 ABOVE_DB = 10.0  # level of a response above what noise leaves in it, from which on it may be called undamped
-LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a setpoint at its limit; above, a loop is at its limits
+LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a device at a limit; above, a loop is at its limits
+FULL = 0.99  # of its limit, from which on a current, which follows it with a lag, is at it
 GROWN, END = 4.5, 4.0  # s: noise grows if its envelope in the last seconds is so many times that of the first half
 STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
-AT_LIMITS = "setpoints are at their limits to the end"
+AT_LIMITS = "a device is at its limits to the end"
 SMALL = "the response is small beside the noise"
 LOST_TWIN = "the twin of the run loses synchronism"
 
@@ -54,11 +55,9 @@ def judge_run(
 ) -> Judged:
     """Judge a run in synchronism.
 
-    `ringdown`, `noise`: give fits that were made already, of what is judged and of the run. What may be a limit cycle
-    of setpoints at their limits is not called forced.
+    `ringdown`, `noise`: give fits already made, of what is judged and of the run. No loop at limits is called forced.
     """
-    duty = saturation_duty(record, max(swings.last, swings.time_s[-1] - LAST), swings.time_s[-1])
-    limited = max(duty.values(), default=0.0) > LIMITED
+    limited = _at_limits(record, max(swings.last, swings.time_s[-1] - LAST)) > LIMITED
     judged = _judge(record, twin, swings, ringdown, noise, limited=limited)
     small = judged.judgement.because.startswith(SMALL)  # a source is an event, so that its response is not
     if limited or small or judged.judgement.verdict == DAMPED or judged.of == PULSE:
@@ -92,12 +91,19 @@ def _judge(
     return Judged(itself._replace(because=f"{itself.because}{words}"), RUN)
 
 
+def _at_limits(record: Record, since: float) -> float:
+    """Largest fraction of the frames from `since` (s) on at which a device's setpoint or current is at its limit."""
+    limits = {row["name"]: row.get("I_max", np.inf) for row in inline_system(record.configuration).get("devices") or []}
+    most = FULL * np.array([limits.get(name, np.inf) for name in record.device_names])
+    full = (record.devices["current"][record.time_s >= since] >= most).mean(axis=0)
+    return float(max(0.0, *saturation_duty(record, since).values(), *full))
+
+
 def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limited: bool) -> Judged:
     """Judge a run by its response; without one, its twin has lost synchronism.
 
-    `ringdown`: gives that of the response; `limited`: setpoints are at their limits to the end. A loop at its limits is
-    not the image of its mirror: then the run itself counts, where it grows or does not decay. So it does if its noise
-    grows, as after a change that is no event.
+    `ringdown`: gives that of the response; `limited`: a device is at its limits to the end. Then it is not the image of
+    its mirror, and the run itself counts where it does not decay; so it does if its noise grows.
     """
     ticks = len(swings.judged)
     t, swing = swings.time_s[:ticks], swings.own[:ticks]

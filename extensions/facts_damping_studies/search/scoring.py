@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.analysis.effort import mean_effort
 from facts_damping.analysis.indices import THESIS_INDICES, performance_indices
 from facts_damping.analysis.judging import judge_run
 from facts_damping.analysis.response import swings_of
@@ -35,6 +34,7 @@ from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin
+from facts_damping_studies.score.measure import mean_effort
 from facts_damping_studies.sweeps import sweep
 from facts_damping_studies.sweeps.axes import drawn_columns
 from facts_damping_studies.sweeps.batch import CUSTOM, make, names

@@ -81,7 +81,7 @@ class SweepRow(Row):
     half_step: HalfStep | None = None  # None: not checked
     interarea: Interarea | None = None  # None: modes were not asked for
     first_trip: FirstTrip | None = field(default=None, metadata={"prefix": "trip_"})  # None: no trip
-    at_limits: bool = False  # whether it is undecided, as setpoints are at their limits to the end
+    at_limits: bool = False  # whether it is undecided, as a device is at its limits to the end
     # What the study asks for: those of `CriterionFigures` that its criteria need, and figures by `true_jacobian.names`.
     asked: dict[str, float | None] = field(default_factory=dict)
     error: str | None = field(kw_only=True)  # why the run, or one of its figures, failed

@@ -13,7 +13,6 @@ import yaml
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from facts_damping.analysis.effort import mean_effort
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.modes.ringdown import fit_ringdown
@@ -29,6 +28,7 @@ from facts_damping.simulation.twins import twin
 from facts_damping_reproduction.adaptation.arms import space
 from facts_damping_reproduction.adaptation.cases import BEGIN, evaluation, training
 from facts_damping_studies.score.card import NONE, log_ratio
+from facts_damping_studies.score.measure import mean_effort
 from facts_damping_studies.sweeps.pool import workers
 
 if TYPE_CHECKING:
