@@ -4,7 +4,7 @@ The rule, written before: of sound loops (lowest damping ratio at least 1 %), an
 without noise, at most 1 of 100 is called growing or a limit cycle, at any size; of those that grow (faster than 0.05
 1/s) and are not called undecided, 95 of 100 are called growing, limit cycle or lost synchronism. A run file, such as
 `facts-damping design` writes, is tried without control, as it is, and with its gain times -1, -2, -4 and so on until
-the loop grows.
+the loop grows. The step is of the first load that has at least 1 % of the grid's active power.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from facts_damping.small_signal import modal_tables
 from facts_damping_studies.pages import as_csv
 
 SIZES = (0.005, 0.01, 0.02, 0.05, 0.1, 0.3)  # of the load
+SHARE = 0.01  # least active power of the load that steps, of the grid's
 DURATION = "duration=40"
 DELAY = 0.05  # s, on the way to the controllers
 QUIET = ("load_noise=null", "measurement.noise={}")
@@ -90,8 +91,10 @@ def verdict(task: tuple[Loop, float, int]) -> str:
     """The verdict of a run with a load step; seed 0: without noise."""
     row, size, seed = task
     sets = [*sets_of(Row(row.run, row.sets), DELAY), *([f"seed={seed}"] if seed else QUIET)]
-    load = load_case(row.run, sets).system.loads[0].name
-    step = f"scenario=[{{time: 2.0, kind: load_step, load: {load}, change: {size}}}]"
+    loads = load_case(row.run, sets).system.loads
+    least = SHARE * sum(load.P for load in loads)
+    load = next(load for load in loads if least <= load.P)
+    step = f"scenario=[{{time: 2.0, kind: load_step, load: {load.name}, change: {size}}}]"
     try:
         record = loop.run(load_case(row.run, [*sets, step]))
     except FactsDampingError as error:
