@@ -120,7 +120,7 @@ def main(first: int, seeds: int, files: list[str], out: Path) -> None:
             f"{name}: growth {row.growth:.3f} 1/s, damping {100 * row.damping:.2f} %: {row.kind or 'left out'}",
             flush=True,
         )
-    cells = [(name, size) for name in rows for size in SIZES]
+    cells = [(name, size) for name, row in rows.items() if row.kind for size in SIZES]
     seeded = [(*cell, seed) for cell in cells for seed in (0, *range(first, first + seeds))]
     with ProcessPoolExecutor() as pool:
         verdicts = list(pool.map(verdict, [(rows[name], size, seed) for name, size, seed in seeded], chunksize=4))
