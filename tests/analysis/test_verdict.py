@@ -12,11 +12,15 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.special import stdtrit
 
+from facts_damping.analysis.effort import saturation_duty
 from facts_damping.analysis.measures import columns, event_times, speed_differences
 from facts_damping.analysis.modes.confidence import student_quantile
 from facts_damping.analysis.summary import summarise
 from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, judge
 from facts_damping.api import simulate
+from facts_damping.case.loading import load_case
+from facts_damping.simulation.loop import run
+from facts_damping.simulation.twins import twin_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -229,3 +233,14 @@ def test_tuned_lead_lag_far_from_its_training_is_a_limit_cycle() -> None:
 @given(st.floats(0.9, 1000.0), st.floats(0.5, 0.99))
 def test_quantile_of_student_s_t_is_scipy_s(free: float, probability: float) -> None:
     assert student_quantile(free, probability) == pytest.approx(stdtrit(free, probability), rel=1e-8, abs=1e-12)
+
+
+def test_loop_bounded_by_its_devices_current_is_no_sound_one() -> None:
+    """The limit of a STATCOM's current bounds the swing before its setpoint is at a limit; a mirror cancels it."""
+    law = "{name: LLC, signals: [frequency], devices: [statcom], parameters: {gain: -40}}"
+    sets = ["duration=30", "supervision=null", "arm_at=null", "devices=[statcom]", f"controllers=[{law}]"]
+    link = "link={up: [{model: constant, delay: 0.05}], down: []}"
+    step = "scenario=[{time: 2.0, kind: load_step, load: load_1, change: 0.02}]"
+    record = run(load_case("two_area_deployment", [*sets, link, step, "system.devices.1.I_max=0.3"]))
+    assert saturation_duty(record) == {"statcom": 0.0}
+    assert summarise(record, method=None, twin=twin_of(record)).verdict == LIMIT_CYCLE
