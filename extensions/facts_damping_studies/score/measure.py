@@ -13,11 +13,11 @@ import numpy as np
 
 from facts_damping.analysis.effort import saturation_duty
 from facts_damping.analysis.indices import performance_indices
-from facts_damping.analysis.measures import setpoint_limits
 from facts_damping.analysis.response import MIRROR, WITHOUT_EVENTS, swings_of
 from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import grids, twin
+from facts_damping_studies.search.scoring import mean_effort
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
@@ -35,12 +35,6 @@ class Measured(NamedTuple):
     effort: float  # mean of the setpoints relative to their limits
     saturated: float  # fraction of the time at a limit, of the device that is longest
     tripped: bool  # whether a supervisor took it off
-
-
-def mean_effort(record: Record) -> float:
-    """Mean of all setpoints relative to their limits, 0 to 1. All devices must have a limit in the configuration."""
-    limits = setpoint_limits(record.configuration)
-    return float((np.abs(record.devices["setpoint"]) / np.array([limits[name] for name in record.device_names])).mean())
 
 
 def measure(case: Case, after: float) -> Measured:

@@ -21,6 +21,7 @@ import numpy as np
 
 from facts_damping.analysis.indices import THESIS_INDICES, performance_indices
 from facts_damping.analysis.judging import judge_run
+from facts_damping.analysis.measures import setpoint_limits
 from facts_damping.analysis.response import swings_of
 from facts_damping.analysis.verdict import GROWING, LIMIT_CYCLE
 from facts_damping.case.loading import make_case
@@ -34,7 +35,6 @@ from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin
-from facts_damping_studies.score.measure import mean_effort
 from facts_damping_studies.sweeps import sweep
 from facts_damping_studies.sweeps.axes import drawn_columns
 from facts_damping_studies.sweeps.batch import CUSTOM, make, names
@@ -76,6 +76,12 @@ class Score(NamedTuple):
     ratios: dict[str, float]  # geometric mean of each index relative to the reference
     undamped: float  # fraction of draws
     tripped: float = 0.0  # fraction of draws in which a supervisor trips a controller
+
+
+def mean_effort(record: Record) -> float:
+    """Mean of all setpoints relative to their limits, 0 to 1. All devices must have a limit in the configuration."""
+    limits = setpoint_limits(record.configuration)
+    return float((np.abs(record.devices["setpoint"]) / np.array([limits[name] for name in record.device_names])).mean())
 
 
 def figures(record: Record, twin_run: Twin | None = None) -> Figures:
