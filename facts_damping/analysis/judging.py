@@ -96,7 +96,7 @@ def _at_limits(record: Record, since: float) -> float:
     limits = {row["name"]: row.get("I_max", np.inf) for row in inline_system(record.configuration).get("devices") or []}
     most = FULL * np.array([limits.get(name, np.inf) for name in record.device_names])
     full = (record.devices["current"][record.time_s >= since] >= most).mean(axis=0)
-    return float(max(0.0, *saturation_duty(record, since).values(), *full))
+    return float(max([0.0, *saturation_duty(record, since).values(), *full]))
 
 
 def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limited: bool) -> Judged:
