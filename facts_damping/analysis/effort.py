@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.analysis.measures import setpoint_limits
+from facts_damping.analysis.measures import device_limits
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,9 +39,9 @@ def record_roughness(record: Record) -> dict[str, float]:
 def saturation_duty(record: Record, since: float = 0.0, until: float = np.inf) -> dict[str, float]:
     """Fraction of the frames at which a device's setpoint is at its limit, 0 to 1, by device; `since`, `until`: s.
 
-    Only for devices whose limit is in the configuration (`setpoint_limits`).
+    Only for devices whose limit is in the configuration (`device_limits`).
     """
-    limits, t = setpoint_limits(record.configuration), record.time_s
+    limits, t = device_limits(record.configuration), record.time_s
     inside = (t >= since) & (t <= until)
     return {
         name: float(np.mean(np.abs(record.devices["setpoint"][inside, i]) >= limits[name] * (1 - 1e-9)))

@@ -13,7 +13,7 @@ import numpy as np
 
 from facts_damping.analysis import forced
 from facts_damping.analysis.effort import saturation_duty
-from facts_damping.analysis.measures import inline_system
+from facts_damping.analysis.measures import device_limits, inline_system
 from facts_damping.analysis.modes.ambient import fit_ambient
 from facts_damping.analysis.modes.oscillation import RESOLUTION
 from facts_damping.analysis.modes.ringdown import SKIP, fit_ringdown, interval
@@ -93,7 +93,7 @@ def _judge(
 
 def _at_limits(record: Record, since: float) -> float:
     """Largest fraction of the frames from `since` (s) on at which a device's setpoint or current is at its limit."""
-    limits = {row["name"]: row.get("I_max", np.inf) for row in inline_system(record.configuration).get("devices") or []}
+    limits = device_limits(record.configuration, "I_max")
     most = FULL * np.array([limits.get(name, np.inf) for name in record.device_names])
     full = (record.devices["current"][record.time_s >= since] >= most).mean(axis=0)
     return float(max([0.0, *saturation_duty(record, since).values(), *full]))

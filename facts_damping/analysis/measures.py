@@ -96,10 +96,10 @@ def _against_the_first(system: Mapping[str, Any]) -> dict[str, Mapping[str, floa
     return {f"{pmus[0]}-{name}": {pmus[0]: 1.0, name: -1.0} for name in pmus[1:]}
 
 
-def setpoint_limits(configuration: Mapping[str, Any]) -> dict[str, float]:
-    """Largest setpoint of each device, p.u., from an inline system: {device: `setpoint_max`}."""
+def device_limits(configuration: Mapping[str, Any], field: str = "setpoint_max") -> dict[str, float]:
+    """A limit of each device that has it, p.u., such as of its setpoint, from an inline system: {device: `field`}."""
     devices = inline_system(configuration).get("devices") or []
-    return {device["name"]: float(device["setpoint_max"]) for device in devices if "setpoint_max" in device}
+    return {device["name"]: float(device[field]) for device in devices if field in device}
 
 
 def inline_system(configuration: Mapping[str, Any]) -> Mapping[str, Any]:

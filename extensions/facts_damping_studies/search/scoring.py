@@ -21,7 +21,7 @@ import numpy as np
 
 from facts_damping.analysis.indices import THESIS_INDICES, performance_indices
 from facts_damping.analysis.judging import judge_run
-from facts_damping.analysis.measures import setpoint_limits
+from facts_damping.analysis.measures import device_limits
 from facts_damping.analysis.response import swings_of
 from facts_damping.analysis.verdict import GROWING, LIMIT_CYCLE
 from facts_damping.case.loading import make_case
@@ -80,7 +80,7 @@ class Score(NamedTuple):
 
 def mean_effort(record: Record) -> float:
     """Mean of all setpoints relative to their limits, 0 to 1. All devices must have a limit in the configuration."""
-    limits = setpoint_limits(record.configuration)
+    limits = device_limits(record.configuration)
     return float((np.abs(record.devices["setpoint"]) / np.array([limits[name] for name in record.device_names])).mean())
 
 

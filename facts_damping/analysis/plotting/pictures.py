@@ -10,7 +10,7 @@ import numpy as np
 from facts_damping.analysis.histories import centres_of_angle, jacobian_histories, learning_rate_histories, mean_speeds
 from facts_damping.analysis.indices import INDICES, index_curves, regions
 from facts_damping.analysis.latency import HOPS, cdf, hops_ms
-from facts_damping.analysis.measures import columns, measure_weights, pmu_speeds, setpoint_limits, speed_differences
+from facts_damping.analysis.measures import columns, device_limits, measure_weights, pmu_speeds, speed_differences
 from facts_damping.analysis.modes.oscillation import is_stable
 from facts_damping.analysis.supervision import on_ticks, strained, supervised
 from facts_damping.monitor_table import STATES
@@ -131,7 +131,7 @@ def _at_buses(channel: int, record: Record) -> list[Panel]:
 
 
 def _voltages(record: Record) -> list[Panel]:
-    limits = {name: (-limit, limit) for name, limit in setpoint_limits(record.configuration).items()}
+    limits = {name: (-limit, limit) for name, limit in device_limits(record.configuration).items()}
     injected, reference = record.devices["injected_voltage"], record.devices["reference"]
     values = np.where(np.isfinite(injected), injected, reference)  # for other devices, the setpoint
     return [
