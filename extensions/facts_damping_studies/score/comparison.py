@@ -40,17 +40,6 @@ def with_controllers(case_set: Set, entrants: Mapping[str, Controllers]) -> Set:
     return case_set._replace(content=case_set.content.model_copy(update={"controllers": rows}))
 
 
-def ground_text(ground: Ground) -> list[str]:
-    """Lines: place, signal and link."""
-    aligned = f", a data concentrator waits up to {1e3 * ground.wait_s:.0f} ms" if ground.wait_s else ""
-    name = ground.case_set.name.partition(",")[0]
-    lines = [f"{name}: {ground.place.label}, controllers receive {ground.signal}{aligned}"]
-    if ground.tripped_by:
-        text = "even if it does nothing; a profile of your own may allow more"
-        lines.append(f"warning: over this link the supervisor trips a controller by `{ground.tripped_by}` {text}")
-    return lines
-
-
 def tuned_text(entrants: Mapping[str, Controllers], controllers: Mapping[str, Controllers]) -> list[str]:
     """Lines: the parameters that were tuned."""
     lines = []

@@ -22,6 +22,7 @@ from facts_damping.signals import NANOSECONDS, NEVER
 from facts_damping.simulation import loop
 from facts_damping_studies.design import design, places
 from facts_damping_studies.score.cases.drawing import meshed_lines
+from facts_damping_studies.score.cases.kinds import KINDS
 from facts_damping_studies.score.cases.sets import Set, drawn_again, set_of
 from facts_damping_studies.sweeps.pool import run_all
 
@@ -41,6 +42,8 @@ CALM_S = 60.0  # of a run that shows what the supervisor says of the link
 MISALIGNED = "misaligned"  # the monitor of frames that are apart
 ALIGNED = 0.99  # quantile of the time between a frame's first and last entry for which the concentrator waits
 STEP_S = 0.005  # of its wait
+KINDS_OF_A_SET = dict.fromkeys([kind for kind, row in KINDS.items() if row.links], 6)
+BESIDE = ("delay 400 ms", "device lost", "wrong sign behind the supervisor")
 
 
 class OwnGrid(NamedTuple):
@@ -94,6 +97,17 @@ def ground(asked: OwnGrid, jobs: int, tell: design.Tell) -> Ground:
     undrawn = set_of(f"{system.name}, seed", described, "--system")
     case_set = drawn_again(undrawn, undrawn.content.seed, undrawn.name, jobs, tell("grid", "cases"))
     return Ground(case_set, place, signal, mode, residue, wait_s, tripped_by)
+
+
+def ground_text(ground: Ground) -> list[str]:
+    """Lines: place, signal and link."""
+    aligned = f", a data concentrator waits up to {1e3 * ground.wait_s:.0f} ms" if ground.wait_s else ""
+    name = ground.case_set.name.partition(",")[0]
+    lines = [f"{name}: {ground.place.label}, controllers receive {ground.signal}{aligned}"]
+    if ground.tripped_by:
+        text = "even if it does nothing; a profile of your own may allow more"
+        lines.append(f"warning: over this link the supervisor trips a controller by `{ground.tripped_by}` {text}")
+    return lines
 
 
 class Placed(NamedTuple):

@@ -14,7 +14,7 @@ from facts_damping.case.changes import as_sets, change
 from facts_damping.case.loading import changed_case
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
 from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.files import find, read_table
+from facts_damping.parameters.files import find, read_table, shipped
 from facts_damping.simulation.loop import build_loop
 from facts_damping_studies.score.cases.case_set import CaseSet, ScoredCase
 from facts_damping_studies.score.cases.drawing import Grid
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     Controllers = Sequence[dict[str, Any]]
 
 TRIES = 20  # draws of a case without a power flow, after which a grid is refused
+DEFAULT = "two_area_2.0"
 TAIL_S = 0.5  # of a run, after what is scored
 
 
@@ -37,12 +38,19 @@ class Set(NamedTuple):
     content: CaseSet
     cases: list[ScoredCase]
     digest: str
+    shipped: bool = False
+
+    @property
+    def controller_seed(self) -> int:
+        """The seed that users' programs get: the same in all cases, so that it tells none apart."""
+        return int.from_bytes(hashlib.sha256(f"{self.content.seed} controllers".encode()).digest()[:4], "big")
 
 
 def read_set(name: str) -> Set:
     """A set of cases by name or path. Raises `InputError`."""
     path = find("case_sets", name)
-    return set_of(path.stem.rpartition("_")[0] or path.stem, read_table(path), str(path))
+    case_set = set_of(path.stem.rpartition("_")[0] or path.stem, read_table(path), str(path))
+    return case_set._replace(shipped=path in shipped("case_sets").values())
 
 
 def set_of(name: str, content: dict[str, Any], source: str) -> Set:
