@@ -20,6 +20,7 @@ from facts_damping.simulation.twins import grids, twin
 from facts_damping_studies.search.scoring import mean_effort
 
 if TYPE_CHECKING:
+    from facts_damping.analysis.response import Swings, Twin
     from facts_damping.case.model import Case
     from facts_damping.record import Record
 
@@ -40,20 +41,26 @@ class Measured(NamedTuple):
 def measure(case: Case, after: float) -> Measured:
     """Simulate a case with its twin, and measure the response until `after` (s) the last event."""
     record = loop.run(case)
+    first, last = grids(case)
+    kind = MIRROR if first != last else WITHOUT_EVENTS  # the same for all controllers
+    synchronous = bool(record.in_synchronism.all())
+    other = twin(case, record, kind) if synchronous and case.scenario.events else None
+    return measured_from(case, record, other, after)
+
+
+def measured_from(case: Case, record: Record, other: Twin | None, after: float) -> Measured:
+    """The figures of a run with its twin until `after` (s) the last event."""
     lost = None if record.in_synchronism.all() else float(record.time_s[-1])
-    value, peak = (None, None) if lost is not None else _response(case, record, after)
-    effort = mean_effort(record) if case.controllers else 0.0
+    value, peak = (None, None) if lost is not None else _response(case, swings_of(record, other), after)
+    effort = mean_effort(record) if record.device_names else 0.0
     duty = max(saturation_duty(record).values(), default=0.0)
     return Measured(value, peak, lost, effort, duty, bool(trips(supervision(record, None))))
 
 
-def _response(case: Case, record: Record, after: float) -> tuple[float, float]:
+def _response(case: Case, swings: Swings, after: float) -> tuple[float, float]:
     """Index and peak of a run in synchronism."""
     times = [event.time for event in case.scenario.events]
-    first, last = grids(case)
-    kind = MIRROR if first != last else WITHOUT_EVENTS  # the same for all controllers
-    swings = swings_of(record, twin(case, record, kind) if times else None)
-    t, x = record.time_s[: len(swings.judged)], swings.judged
+    t, x = swings.time_s[: len(swings.judged)], swings.judged
     if not times:
         x = x[t >= SETTLED]
         return float(np.sqrt(np.mean(np.square(x)))), float(np.abs(x).max())
