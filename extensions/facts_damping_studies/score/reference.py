@@ -133,7 +133,8 @@ def _all_swings(case: Case) -> list[SwingModel]:
     built = whole = build_plant(case)
     models: list[SwingModel] = []
     for i, interval in enumerate(topology_intervals(case.system, case.scenario.events)):
-        if not interval.topology.faults:
+        topology = interval.topology
+        if all(place.line in topology.lines_out for place in topology.faults):
             built = _in_interval(whole, i, built)
             if i > 0:
                 built = _without_swings(built)
@@ -202,7 +203,7 @@ def law(swings: SwingModel, case: Case, delay: float, control_weight: float) -> 
     """The optimal feedback of a grid: K of u(k) = -K [z(k), u(k-1), ..., u(k-m)], Riccati's equation of all of these."""
     devices, rate = [case.system.device(name) for name in case.run.devices], case.run.frame_rate
     limits = np.array([device.setpoint_max for device in devices])
-    Phi, steps = onward(swings, 1.0 / rate, [delay + device.dead_time for device in devices])
+    Phi, steps = onward(swings, rate, [delay + device.dead_time for device in devices])
     n, many, past = len(Phi), len(devices), len(steps) - 1
     A, B = np.zeros((n + past * many, n + past * many)), np.zeros((n + past * many, many))
     A[:n, :n], B[:n] = Phi, steps[0] * limits
@@ -217,16 +218,16 @@ def law(swings: SwingModel, case: Case, delay: float, control_weight: float) -> 
     return Law(swings.start_ns, swings.at, swings.W, limits[:, None] * K / scales)
 
 
-def onward(swings: SwingModel, period: float, delays: Sequence[float]) -> tuple[Array, list[Array]]:
+def onward(swings: SwingModel, frame_rate: int, delays: Sequence[float]) -> tuple[Array, list[Array]]:
     """Phi and H of z(k+1) = Phi z(k) + sum_j H_j u(k-j), with a delay (s) of each device's setpoints; exact."""
-    whole = [divmod(to_ns(delay), to_ns(period)) for delay in delays]
+    period, whole = 1.0 / frame_rate, [divmod(to_ns(delay) * frame_rate, NANOSECONDS) for delay in delays]
     steps = [np.zeros(swings.B.shape) for _ in range(max(f + (rest > 0) for f, rest in whole) + 1)]
     for d, (f, rest) in enumerate(whole):
-        part, b = rest / NANOSECONDS, swings.B[:, [d]]
-        rest_of_frame, new = held_for(swings.A, b, period - part)
-        steps[f][:, [d]] = new
+        part, b = rest / NANOSECONDS * period, swings.B[:, [d]]
+        to_end, new = held_for(swings.A, b, period - part)
+        steps[f][:, [d]] += new
         if rest:
-            steps[f + 1][:, [d]] = rest_of_frame @ held_for(swings.A, b, part)[1]
+            steps[f + 1][:, [d]] += to_end @ held_for(swings.A, b, part)[1]
     return held_for(swings.A, swings.B, period)[0], steps
 
 
