@@ -282,9 +282,9 @@ def test_connection_ends_with_a_server_that_never_ends(wire: Wire, reason: str) 
 def test_client_leaves_the_processor_to_others_while_a_server_floods() -> None:
     wire = Wire(CONFIGURATION, session.data_frame(served(), instant(0)) * 20)
     began_s = time.process_time()
-    assert run(lambda: serve(wire, 1.0)) is None
+    assert run(lambda: serve(wire, 0.4)) is None  # too short for a fast machine to decode a minute of data
     assert wire.reads > 3
-    assert time.process_time() - began_s < 0.6
+    assert time.process_time() - began_s < 0.24
 
 
 def test_client_reads_no_more_while_its_reader_is_busy() -> None:
