@@ -19,7 +19,7 @@ from facts_damping_reproduction import result_figures
 from facts_damping_reproduction.adaptation.experiment import plan
 from facts_damping_reproduction.inverters import comparison
 from facts_damping_reproduction.pdci import pages
-from facts_damping_studies.score.card import read_set
+from facts_damping_studies.score.cases.sets import read_set
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -17,7 +17,7 @@ from facts_damping_studies.score.division import division_of
 from facts_damping_studies.score.files import files_of
 from facts_damping_studies.score.isolation.confinement import confinement
 from facts_damping_studies.score.isolation.isolated import isolated
-from facts_damping_studies.score.measure import Measured, Seen, measure
+from facts_damping_studies.score.measure import Measured, Seen, as_on_card, measure
 from facts_damping_studies.score.reference import reference
 from facts_damping_studies.sweeps.pool import workers
 
@@ -115,7 +115,7 @@ def _measured(case_set: Set, name: str, rows: Controllers, i: int) -> Result:
     """With a supervisor and, if it trips, without."""
     case, after = case_of(case_set, rows, i), case_set.content.after
     if name in (FULL, FULL_LATE):
-        measured = reference(case, after, delayed=name == FULL_LATE)
+        measured = as_on_card(reference(case, after, delayed=name == FULL_LATE))
         return Result(measured, measured, Seen())
     measured, seen = measure(case, after, case_set.controller_seed)
     if not measured.tripped:

@@ -25,7 +25,7 @@ from facts_damping_studies.search.scoring import mean_effort
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from facts_damping.analysis.response import Twin
+    from facts_damping.analysis.response import Swings, Twin
     from facts_damping.case.model import Case
     from facts_damping.record import Record
     from facts_damping_studies.score.isolation.isolated import Child
@@ -74,7 +74,7 @@ def measure(case: Case, after: float, seed: int) -> tuple[Measured, Seen]:
             measured = Measured(None, breach=breach)
     seen = Seen(frozenset(name for child in children for name in child.read), any(child.plant for child in children))
     breach = measured.breach or next((child.breach for child in children if child.breach), "")
-    return _rounded(measured._replace(computing=_computing(children), breach=breach)), seen
+    return as_on_card(measured._replace(computing=_computing(children), breach=breach)), seen
 
 
 def _computing(children: Sequence[Child]) -> float:
@@ -95,7 +95,7 @@ def measured_from(case: Case, record: Record, pair: Twin | None, after: float) -
     """The figures of a run; `pair`: its twin, without which the noise is in the response."""
     index, peak, lost_s = None, None, None
     if record.in_synchronism.all():
-        index, peak = index_of(case, record, swings_of(record, pair).judged, after)
+        index, peak = index_of(case, swings_of(record, pair), after)
     else:
         lost_s = float(record.time_s[-1])
     return measured_of(case, record, index, peak)._replace(lost_s=lost_s)
@@ -109,13 +109,12 @@ def measured_of(case: Case, record: Record, index: float | None, peak: float | N
     if machines.size and index is not None:
         speed, voltage = machines["speed_deviation"], machines["terminal_voltage"]
         worst = float(np.abs(speed).max()) * case.system.frequency, float(voltage.min()), float(voltage.max())
-    controlled = bool(case.controllers)
     return Measured(
         index,
         peak,
-        effort=mean_effort(record) if controlled else 0.0,
+        effort=mean_effort(record) if record.device_names else 0.0,
         saturated=max(saturation_duty(record).values(), default=0.0),
-        travel=_travel(record) if controlled else 0.0,
+        travel=_travel(record),
         frequency_hz=worst[0],
         lowest=worst[1],
         highest=worst[2],
@@ -131,9 +130,10 @@ def _travel(record: Record) -> float:
     return max(moved, default=0.0)
 
 
-def index_of(case: Case, record: Record, response: Any, after: float) -> tuple[float, float]:
-    """Index and peak of a response, p.u., (ticks, differences)."""
-    times, t = [event.time for event in case.scenario.events], record.time_s[: len(response)]
+def index_of(case: Case, swings: Swings, after: float) -> tuple[float, float]:
+    """Index and peak of a response."""
+    times, response = [event.time for event in case.scenario.events], swings.judged
+    t = swings.time_s[: len(response)]
     if not times:
         calm = response[t >= SETTLED_S]
         return float(np.sqrt(np.mean(np.square(calm)))), float(np.abs(calm).max())
@@ -142,7 +142,7 @@ def index_of(case: Case, record: Record, response: Any, after: float) -> tuple[f
     return performance_indices(t[inside], response, min(times))["ITAE"], float(np.abs(response).max())
 
 
-def _rounded(measured: Measured) -> Measured:
+def as_on_card(measured: Measured) -> Measured:
     """With as many digits as a card has, so that a card that is read is the one that was written."""
     floats: dict[str, Any] = {
         name: rounded(value) for name, value in measured._asdict().items() if isinstance(value, float)
