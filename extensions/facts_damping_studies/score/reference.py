@@ -66,7 +66,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 CONTROL_WEIGHT = 1e-7  # p.u.^2, of a setpoint at its limit
-SLOWEST, FASTEST = 0.1, 60.0  # 1/s, magnitude of the eigenvalues of modes that are controlled
+SLOWEST, FASTEST = 0.1, 30.0  # 1/s, magnitude of the eigenvalues of modes that are controlled
+LEAST = 0.01  # effect of a mode that is controlled, relative to the largest
 STEP_S, STEPS = 3.0, 3  # of implicit Euler
 BY_INTERVAL = ("interval_start_ns", "mechanical_power", "online", "island", "load_scale", "network")
 
@@ -169,17 +170,21 @@ def _swings_of(case: Case, built: Built, start_ns: int) -> SwingModel:
     """The swings of a plant about its state, with a real pair of states for each pair of complex modes."""
     A, B = state_matrix(built)
     values, left, right = eigenvectors(A)
-    chosen = (np.abs(values) > SLOWEST) & (np.abs(values) < FASTEST) & (values.imag >= 0.0)
-    values, left, right = values[chosen], left[:, chosen], right[:, chosen]
+    swinging = (np.abs(values) > SLOWEST) & (np.abs(values) < FASTEST) & (values.imag >= 0.0)
+    values, left, right = values[swinging], left[:, swinging], right[:, swinging]
     left = left / np.einsum("im,im->m", left, right)
+    Z = _differences(case, built)
+    effect = np.linalg.norm(left.T @ B, axis=1) * np.linalg.norm(Z @ right, axis=0) / np.abs(values.real)
+    chosen = effect >= LEAST * effect.max(initial=0.0)
+    values, left, right = values[chosen], left[:, chosen], right[:, chosen]
     turning = values.imag > 0.0
     W = np.vstack([np.where(turning, 2.0, 1.0)[:, None] * left.real.T, -2.0 * left.imag.T[turning]])
     V = np.hstack([right.real, right.imag[:, turning]])
     pairs = np.flatnonzero(turning)
     modal = np.diag(np.concatenate([values.real, values.real[turning]]))
-    onward = len(values) + np.arange(len(pairs))
-    modal[pairs, onward], modal[onward, pairs] = values.imag[turning], -values.imag[turning]
-    return SwingModel(start_ns, built.state.x, W, modal, W @ B, _differences(case, built) @ V)
+    partner = len(values) + np.arange(len(pairs))
+    modal[pairs, partner], modal[partner, pairs] = values.imag[turning], -values.imag[turning]
+    return SwingModel(start_ns, built.state.x, W, modal, W @ B, Z @ V)
 
 
 def _differences(case: Case, built: Built) -> Array:
