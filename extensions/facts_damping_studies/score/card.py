@@ -27,7 +27,8 @@ from facts_damping.simulation.loop import build_loop
 from facts_damping_studies.campaigns.invariants import HARM
 from facts_damping_studies.score.case_set import CaseSet
 from facts_damping_studies.score.measure import Measured, measure
-from facts_damping_studies.score.score_card import Estimate, KindScore, ScoreCard
+from facts_damping_studies.score.score_card import KindScore, ScoreCard
+from facts_damping_studies.score.statistics import Estimate
 from facts_damping_studies.sweeps.pool import workers
 
 if TYPE_CHECKING:

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping_studies.score.card import Set
-    from facts_damping_studies.score.score_card import Estimate, ScoreCard
+    from facts_damping_studies.score.score_card import ScoreCard
+    from facts_damping_studies.score.statistics import Estimate
 
 TICKS = (-90, -75, -50, 0, 100, 300, 900)  # %
 

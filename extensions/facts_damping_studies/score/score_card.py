@@ -7,14 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from facts_damping_studies.score.measure import Measured
-
-
-class Estimate(NamedTuple):
-    """Change against a reference in percent, negative is less, with its 95 % interval."""
-
-    percent: float
-    low: float
-    high: float
+    from facts_damping_studies.score.statistics import Estimate
 
 
 class KindScore(NamedTuple):
