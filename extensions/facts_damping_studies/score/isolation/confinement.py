@@ -1,1 +1,0 @@
-def confinement(): return ()
