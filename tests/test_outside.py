@@ -205,7 +205,7 @@ def test_archive_does_not_leave_its_folder(tmp_path: Path) -> None:
         archive.writestr("../../escaped", "out")
         archive.writestr("/escaped", "out")
     with pytest.raises(InputError, match=r"escape\.fmu: cannot be read"):
-        fmus._unpacked(file, "here")
+        fmus.unpacked(file, "here")
     assert not Path("/escaped").exists()
     assert not (tmp_path.parent / "escaped").exists()
 
