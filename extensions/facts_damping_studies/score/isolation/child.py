@@ -107,7 +107,7 @@ def _serve(begin: Begin) -> None:
         _send(messages.CONFINED, json.dumps([*confine(readable, begin.memory), "audit hook"]))
         if controller is None:
             return
-        spec = KnownSpec(*begin.facts, _plant)
+        spec = KnownSpec(**begin.facts, ask=_plant)
         refusals.install(readable, native, _breach)
         file, step, once = instance(controller, cast("Spec", spec), begin.where)
     except InputError as error:

@@ -21,6 +21,8 @@ from typing import TYPE_CHECKING
 from facts_damping_studies.score.isolation.system_calls import PR_SET_NO_NEW_PRIVS, filter_calls
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from facts_damping_studies.score.isolation.readable import Readable
 
 MOST_OPEN = 64  # files
@@ -50,13 +52,12 @@ def confine(readable: Readable, memory: int) -> tuple[str, ...]:
     """Confine this process, which has one thread; `memory`: bytes of address space. Returns what holds."""
     _limit(memory)
     landlock = landlock_version()
-    means = (
-        (f"memory {memory / 2**30:.3g} GB", lambda: True),
+    means: list[tuple[str, Callable[[], bool]]] = [
         ("read-only mounts", _read_only),
         (f"Landlock {landlock}", lambda: _only_read(readable, landlock)),
         ("seccomp", filter_calls),  # last: it ends all others
-    )
-    return tuple(name for name, holds in means if holds())
+    ]
+    return (f"memory {memory / 2**30:.3g} GB", *(name for name, confined in means if confined()))
 
 
 def landlock_version() -> int:

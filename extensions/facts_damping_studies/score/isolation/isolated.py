@@ -3,9 +3,8 @@
 The simulation stays in this process, which is trusted. In it a `Proxy` stands for each class and FMU: at each step it
 sends what the controller may know, and gets the setpoints. Each run, also a twin of a case, has a new process.
 
-The process knows a `child.KnownSpec`, and then time, signals, their ages, and which are new. Other ways to tell one case
-from another are left where the kernel does not close them: the order in which cases are run, by the time of day. Who
-scores draws that order at random, and the seed that all cases of a set have in common.
+The process knows a `child.KnownSpec`, and then time, signals, their ages, and which are new. It also knows the time of
+day. So who scores draws at random the order in which cases are run, and the seed that all cases have in common.
 """
 
 from __future__ import annotations
@@ -53,6 +52,7 @@ class Limits(NamedTuple):
 
 LIMITS = Limits()
 FORBIDDEN_CALL = "asked the kernel for a thread, a process, a socket, a signal or another process's memory"
+KNOWN = ("name", "signals", "devices", "limits", "rates", "frame_rate", "seed", "parameters")  # of a `Spec`
 CONTROLLER = "controller"  # parameter of a proxy: the index of the controller that it stands for
 
 
@@ -114,7 +114,7 @@ def isolated(case: Case, seed: int) -> Iterator[tuple[Case, list[Child]]]:
 def confinement() -> tuple[str, ...]:
     """By what the processes of controllers are confined on this platform, such as `Landlock 7` and `seccomp`."""
     connection = template().fork([], None)
-    begin = messages.Begin("/", list(sys.path), None, "", (), Readable(libraries(), (), (), ()), LIMITS.memory)
+    begin = messages.Begin("/", list(sys.path), None, "", {}, Readable(libraries(), (), (), ()), LIMITS.memory)
     connection.send(pickle.dumps(begin), LIMITS.build_s)
     content = connection.receive(LIMITS.build_s)
     connection.close()
@@ -169,13 +169,13 @@ class _Isolated:
     def build(self) -> None:
         """Have the process confine itself and make the controller; raises `FactsDampingError`."""
         spec, until = self._spec, time.monotonic() + LIMITS.build_s
-        facts = (spec.name, spec.signals, spec.devices, spec.limits, spec.rates)
+        facts = {name: getattr(spec, name) for name in KNOWN}
         begin = messages.Begin(
             str(Path.cwd()),
             list(sys.path),
             self._controller,
             self._where,
-            (*facts, spec.frame_rate, spec.seed, spec.parameters),
+            facts,
             self._readable,
             LIMITS.memory,
         )
@@ -192,7 +192,7 @@ class _Isolated:
         when, self._t_s = f"in step of {self._controller.name} at {t_s:.6g} s", t_s
         began = time.monotonic()
         patience_s = min(LIMITS.step_s, LIMITS.run_s - self._waited_s)
-        self._ask(messages.TIME.pack(t_s) + y.tobytes() + age_s.tobytes() + fresh.tobytes(), when, patience_s)
+        self._ask(messages.step_content(t_s, y, age_s, fresh), when, patience_s)
         content = self._answer(when, patience_s, messages.SETPOINTS)
         self._waited_s += time.monotonic() - began
         before, self._cpu_s = self._cpu_s, self._connection.cpu_s()
@@ -241,7 +241,7 @@ class _Isolated:
             self._fail_by(f"{text} ({when})")
         if said:
             self._fail_by(f"answered what is no answer ({when})")
-        self._fail_ended(when)
+        return self._fail_ended(when)
 
     def _fail_ended(self, when: str) -> NoReturn:
         self._cpu_s = max(self._cpu_s, self._connection.cpu_s())

@@ -1,7 +1,7 @@
 """What passes between a run and the process of a controller: frames, each a length and so many bytes.
 
-To the process: first `Begin`, then a frame for each step (`step_frame`), and the plant where it asks. Those of the run
-are trusted, and may be pickled. From the process: a byte that says what it is, and text or numbers; nothing that it
+To the process: first `Begin`, then a frame for each step (`step_content`), and the plant where it asks. The run is
+trusted, so what it sends may be pickled. From the process: a byte that says what it is, and text or numbers; nothing that it
 sends is run.
 """
 
@@ -32,14 +32,14 @@ CONFINED, READY, SETPOINTS, ERROR, BREACH, PLANT = b"C", b"R", b"U", b"E", b"B",
 class Begin(NamedTuple):
     """All that the process of a controller gets at its start.
 
-    `facts`: name, signals, devices, limits, rates, frame rate, seed and parameters (`spec.Spec`).
+    `facts`: fields of the specification that the controller may know, by name (`child.KnownSpec`).
     """
 
     folder: str  # the current one
     path: list[str]  # where modules are looked for
     controller: Controller | None  # None: only be confined
     where: str  # for errors
-    facts: tuple[Any, ...]
+    facts: dict[str, Any]
     readable: Readable
     memory: int  # bytes of address space
 
@@ -49,9 +49,9 @@ def frame(content: bytes) -> bytes:
     return LENGTH.pack(len(content)) + content
 
 
-def step_frame(t_s: float, y: Floats, age_s: Floats, fresh: NDArray[np.bool_]) -> bytes:
-    """The frame of a step: time of arrival, s; signals, (signals,), p.u.; their ages, s; which are new."""
-    return frame(TIME.pack(t_s) + y.tobytes() + age_s.tobytes() + fresh.tobytes())
+def step_content(t_s: float, y: Floats, age_s: Floats, fresh: NDArray[np.bool_]) -> bytes:
+    """Content of a step's frame: time of arrival, s; signals, (signals,), p.u.; their ages, s; which are new."""
+    return TIME.pack(t_s) + y.tobytes() + age_s.tobytes() + fresh.tobytes()
 
 
 def step_of(content: bytes, signals: int) -> tuple[float, Floats, Floats, NDArray[np.bool_]]:

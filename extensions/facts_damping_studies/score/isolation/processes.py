@@ -17,11 +17,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import facts_damping
-import facts_damping_studies
 from facts_damping.errors import RunError
 from facts_damping_studies.score.isolation.messages import LENGTH, MOST_BYTES, frame
-from facts_damping_studies.score.isolation.readable import LIBRARIES, libraries, within
+from facts_damping_studies.score.isolation.readable import LIBRARIES, code_roots, libraries, within
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -162,9 +160,11 @@ def _template(_process: int) -> Template:
 
 def _path() -> list[str]:
     """Where the template finds libraries and this package, and nothing else if that can be told apart."""
-    roots = {str(Path(str(package.__file__)).parents[1]) for package in (facts_damping, facts_damping_studies)}
     entries = [entry for entry in sys.path if entry]
-    return [e for e in entries if e in roots or Path(e).name in LIBRARIES or within(os.path.realpath(e), libraries())]
+    return [
+        *code_roots(),
+        *(e for e in entries if Path(e).name in LIBRARIES or within(os.path.realpath(e), libraries())),
+    ]
 
 
 def _environment() -> dict[str, str]:

@@ -16,8 +16,7 @@ from importlib.util import resolve_name
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import facts_damping
-import facts_damping_studies
+from facts_damping import errors
 from facts_damping.errors import InputError
 from facts_damping.input_files import is_file, read_bytes, share_folder
 from facts_damping.parameters.run import Fmu
@@ -50,6 +49,11 @@ class Readable(NamedTuple):
     listed: tuple[str, ...]  # folders of which the names may be read
 
 
+def code_roots() -> tuple[str, str]:
+    """Folders in which the packages of the core, and of its extensions, lie."""
+    return str(Path(errors.__file__).parents[1]), str(Path(__file__).parents[3])
+
+
 @cache
 def libraries() -> tuple[str, ...]:
     """Folders of Python, of libraries and of this package's code."""
@@ -58,8 +62,9 @@ def libraries() -> tuple[str, ...]:
     folders += [entry for entry in sys.path if Path(entry).name in LIBRARIES]
     folders += [str(Path(prefix) / "lib") for prefix in (sys.prefix, sys.base_prefix)]
     folders += os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)
-    core, wings = Path(facts_damping.__file__).parent, Path(str(facts_damping_studies.__file__)).parents[1]
-    folders += [str(core), *(str(wing) for wing in wings.glob("facts_damping_*") if wing.is_dir()), *SYSTEM]
+    core, wings = (Path(root) for root in code_roots())
+    packages = [core / "facts_damping", *(wing for wing in wings.glob("facts_damping_*") if wing.is_dir())]
+    folders += [*map(str, packages), *SYSTEM]
     config = (share_folder() / "config").resolve()
     whole = dict.fromkeys(Path(folder).resolve() for folder in folders if folder and Path(folder).is_dir())
     return tuple(str(folder) for folder in whole if folder not in (config, *config.parents))

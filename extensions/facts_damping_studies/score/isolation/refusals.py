@@ -6,6 +6,7 @@ the hook alone keeps files from being read.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 from pathlib import Path
@@ -16,9 +17,10 @@ from facts_damping_studies.score.isolation.readable import Readable, within
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from types import FrameType
 
 CHANGES = os.O_ACCMODE | os.O_CREAT | os.O_TRUNC
-CTYPES = str(Path(__import__("ctypes").__file__).parent)
+CTYPES = str(Path(str(ctypes.__file__)).parent)
 SILENT = ("/dev/null",)  # refused without a sentence
 # Beginnings of audit events, https://docs.python.org/3/library/audit_events.html, and what was done.
 REFUSED = {
@@ -92,7 +94,7 @@ def _checks(
 
 def _caller() -> str:
     """File of the code that caused an event of ctypes, outside of ctypes."""
-    frame = sys._getframe(2)  # noqa: SLF001 (below this function and the hook)
+    frame: FrameType | None = sys._getframe(2)  # noqa: SLF001 (below this function and the hook)
     while frame is not None and frame.f_code.co_filename.startswith(CTYPES):
-        frame = frame.f_back  # type: ignore[assignment]
+        frame = frame.f_back
     return "" if frame is None else os.path.realpath(frame.f_code.co_filename)

@@ -15,37 +15,30 @@ import platform
 import struct
 from typing import NamedTuple
 
-# Call: its numbers on x86-64 and on aarch64, -1 where there is none.
-ALLOWED = {
-    **{"read": (0, 63), "write": (1, 64), "close": (3, 57), "stat": (4, -1), "fstat": (5, 80), "lstat": (6, -1)},
-    **{"poll": (7, -1), "lseek": (8, 62), "mmap": (9, 222), "mprotect": (10, 226), "munmap": (11, 215)},
-    **{"brk": (12, 214), "rt_sigaction": (13, 134), "rt_sigprocmask": (14, 135), "rt_sigreturn": (15, 139)},
-    **{"pread64": (17, 67), "readv": (19, 65), "writev": (20, 66), "access": (21, -1), "select": (23, -1)},
-    **{"sched_yield": (24, 124), "mremap": (25, 216), "madvise": (28, 233), "dup": (32, 23), "dup2": (33, -1)},
-    **{"nanosleep": (35, 101), "getpid": (39, 172), "exit": (60, 93), "uname": (63, 160), "getcwd": (79, 17)},
-    **{"chdir": (80, 49), "fchdir": (81, 50), "readlink": (89, -1), "gettimeofday": (96, 169)},
-    **{"getrlimit": (97, 163), "getrusage": (98, 165), "times": (100, 153), "getuid": (102, 174)},
-    **{"getgid": (104, 176), "geteuid": (107, 175), "getegid": (108, 177), "getppid": (110, 173)},
-    **{"sigaltstack": (131, 132), "statfs": (137, 43), "fstatfs": (138, 44), "arch_prctl": (158, -1)},
-    **{"gettid": (186, 178), "time": (201, -1), "futex": (202, 98), "sched_getaffinity": (204, 123)},
-    **{"getdents64": (217, 61), "set_tid_address": (218, 96), "restart_syscall": (219, 128), "fadvise64": (221, 223)},
-    **{"clock_gettime": (228, 113), "clock_getres": (229, 114), "clock_nanosleep": (230, 115)},
-    **{"exit_group": (231, 94), "newfstatat": (262, 79), "readlinkat": (267, 78), "faccessat": (269, 48)},
-    **{"pselect6": (270, 72), "ppoll": (271, 73), "set_robust_list": (273, 99), "get_robust_list": (274, 100)},
-    **{"dup3": (292, 24), "preadv": (295, 69), "getcpu": (309, 168), "getrandom": (318, 278), "statx": (332, 291)},
-    **{"rseq": (334, 293), "faccessat2": (439, 439)},
-}
-FATAL = {
-    **{"shmget": (29, 194), "shmat": (30, 196), "socket": (41, 198), "connect": (42, 203), "accept": (43, 202)},
-    **{"sendto": (44, 206), "sendmsg": (46, 211), "bind": (49, 200), "listen": (50, 201), "socketpair": (53, 199)},
-    **{"clone": (56, 220), "fork": (57, -1), "vfork": (58, -1), "execve": (59, 221), "kill": (62, 129)},
-    **{"semget": (64, 190), "msgget": (68, 186), "ptrace": (101, 117), "rt_sigqueueinfo": (129, 138)},
-    **{"mount": (165, 40), "tkill": (200, 130), "mq_open": (240, 180), "add_key": (248, 217), "keyctl": (250, 219)},
-    **{"unshare": (272, 97), "accept4": (288, 242), "rt_tgsigqueueinfo": (297, 240), "perf_event_open": (298, 241)},
-    **{"sendmmsg": (307, 269), "setns": (308, 268), "process_vm_readv": (310, 270), "process_vm_writev": (311, 271)},
-    **{"bpf": (321, 280), "execveat": (322, 281), "userfaultfd": (323, 282), "pidfd_send_signal": (424, 424)},
-    **{"io_uring_setup": (425, 425), "pidfd_open": (434, 434), "clone3": (435, 435), "pidfd_getfd": (438, 438)},
-}
+# Names of calls, and their numbers on x86-64 and on aarch64, -1 where there is none.
+ALLOWED = """
+    read 0 63, write 1 64, close 3 57, stat 4 -1, fstat 5 80, lstat 6 -1, poll 7 -1, lseek 8 62, mmap 9 222,
+    mprotect 10 226, munmap 11 215, brk 12 214, rt_sigaction 13 134, rt_sigprocmask 14 135, rt_sigreturn 15 139,
+    pread64 17 67, readv 19 65, writev 20 66, access 21 -1, select 23 -1, sched_yield 24 124, mremap 25 216,
+    madvise 28 233, dup 32 23, dup2 33 -1, nanosleep 35 101, getpid 39 172, exit 60 93, uname 63 160,
+    getcwd 79 17, chdir 80 49, fchdir 81 50, readlink 89 -1, gettimeofday 96 169, getrlimit 97 163,
+    getrusage 98 165, times 100 153, getuid 102 174, getgid 104 176, geteuid 107 175, getegid 108 177,
+    getppid 110 173, sigaltstack 131 132, statfs 137 43, fstatfs 138 44, arch_prctl 158 -1, gettid 186 178,
+    time 201 -1, futex 202 98, sched_getaffinity 204 123, getdents64 217 61, set_tid_address 218 96,
+    restart_syscall 219 128, fadvise64 221 223, clock_gettime 228 113, clock_getres 229 114,
+    clock_nanosleep 230 115, exit_group 231 94, newfstatat 262 79, readlinkat 267 78, faccessat 269 48,
+    pselect6 270 72, ppoll 271 73, set_robust_list 273 99, get_robust_list 274 100, dup3 292 24, preadv 295 69,
+    getcpu 309 168, getrandom 318 278, statx 332 291, rseq 334 293, faccessat2 439 439
+"""
+FATAL = """
+    shmget 29 194, shmat 30 196, socket 41 198, connect 42 203, accept 43 202, sendto 44 206, sendmsg 46 211,
+    bind 49 200, listen 50 201, socketpair 53 199, clone 56 220, fork 57 -1, vfork 58 -1, execve 59 221,
+    kill 62 129, semget 64 190, msgget 68 186, ptrace 101 117, rt_sigqueueinfo 129 138, mount 165 40,
+    tkill 200 130, mq_open 240 180, add_key 248 217, keyctl 250 219, unshare 272 97, accept4 288 242,
+    rt_tgsigqueueinfo 297 240, perf_event_open 298 241, sendmmsg 307 269, setns 308 268,
+    process_vm_readv 310 270, process_vm_writev 311 271, bpf 321 280, execveat 322 281, userfaultfd 323 282,
+    pidfd_send_signal 424 424, io_uring_setup 425 425, pidfd_open 434 434, clone3 435 435, pidfd_getfd 438 438
+"""
 OPENAT, OPEN, FCNTL, PRLIMIT, IOCTL = (257, 56), (2, -1), (72, 25), (302, 261), (16, 29)
 MACHINES = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}  # column of the tables, and name of the interface
 X32 = 0x40000000  # calls of x86-64's other interface begin here
@@ -87,8 +80,8 @@ def steps_of(machine: str) -> list[Step]:
     if machine == "x86_64":
         steps += [Step(AT_LEAST, X32, 0, 1), Step(RETURN, KILL)]
     for action, table in ((ALLOW, ALLOWED), (KILL, FATAL)):
-        for numbers in table.values():
-            steps += _if_call(numbers[column], [Step(RETURN, action)])
+        for row in table.split(","):
+            steps += _if_call(int(row.split()[1 + column]), [Step(RETURN, action)])
     refused = Step(RETURN, FAIL | errno.EACCES)
     for call, flags in ((OPENAT, 2), (OPEN, 1)):
         steps += _if_call(call[column], [_argument(flags), Step(ANY_BIT, CHANGES, 0, 1), refused, Step(RETURN, ALLOW)])

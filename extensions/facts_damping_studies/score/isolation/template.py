@@ -1,8 +1,8 @@
 """A process from which those of controllers are forked: it has loaded libraries, and runs nothing of a user.
 
-A worker has one. It is a new interpreter, with one thread, an environment that says nothing of the run, and no file open
-but the socket over which it is asked. Between forks it starts a random number of threads, so that process numbers do
-not count the runs.
+A worker has one. It is a new interpreter with an environment that says nothing of the run, and no file open but the
+socket over which it is asked. Between forks it starts a random number of threads, which end at once, so that process
+numbers do not count the runs.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def serve(descriptor: int) -> None:
 
 
 def _load(modules: list[str], fmu: str | None) -> None:
-    """Load modules of libraries, and unpack an FMU, for all controllers to come; the controller's process says why not."""
+    """Load modules of libraries, and unpack an FMU, for all controllers to come, which meet the error if that fails."""
     for name in modules:
         if name not in sys.modules:
             with contextlib.suppress(Exception):
