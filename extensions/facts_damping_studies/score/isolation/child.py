@@ -104,7 +104,7 @@ def _serve(begin: Begin) -> None:
         if controller is not None and native:
             folder = fmus.unpacked(file_of_fmu(controller), begin.where)[0].name
             readable = readable._replace(folders=(*readable.folders, os.path.realpath(folder)))
-        _send(messages.CONFINED, json.dumps([*confine(readable, begin.memory), "audit hook"]))
+        _send(messages.CONFINED, json.dumps([*confine(readable, begin.memory, native=native), "audit hook"]))
         if controller is None:
             return
         spec = KnownSpec(**begin.facts, ask=_plant)

@@ -48,14 +48,17 @@ class _Beneath(ctypes.Structure):
     _fields_ = (("rights", ctypes.c_uint64), ("descriptor", ctypes.c_int32))
 
 
-def confine(readable: Readable, memory: int) -> tuple[str, ...]:
-    """Confine this process, which has one thread; `memory`: bytes of address space. Returns what holds."""
+def confine(readable: Readable, memory: int, *, native: bool) -> tuple[str, ...]:
+    """Confine this process, which has one thread. Returns what holds.
+
+    `memory`: bytes of address space; `native`: whether it may start threads, as native code does.
+    """
     _limit(memory)
     landlock = landlock_version()
     means: list[tuple[str, Callable[[], bool]]] = [
         ("read-only mounts", _read_only),
         (f"Landlock {landlock}", lambda: _only_read(readable, landlock)),
-        ("seccomp", filter_calls),  # last: it ends all others
+        ("seccomp", lambda: filter_calls(threads=native)),  # last: it ends all others
     ]
     return (f"memory {memory / 2**30:.3g} GB", *(name for name, confined in means if confined()))
 

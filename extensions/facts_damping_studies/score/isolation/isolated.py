@@ -25,6 +25,7 @@ import numpy as np
 
 from facts_damping.control.table import kind_of
 from facts_damping.errors import FactsDampingError, InputError, RunError
+from facts_damping.parameters.run import Controller
 from facts_damping.simulation.programs.spec import spec_of
 from facts_damping_studies.score.isolation import messages
 from facts_damping_studies.score.isolation.processes import Connection, template
@@ -51,8 +52,10 @@ class Limits(NamedTuple):
 
 
 LIMITS = Limits()
-FORBIDDEN_CALL = "asked the kernel for a thread, a process, a socket, a signal or another process's memory"
+FORBIDDEN_CALL = "asked the kernel for a thread, a process, a signal or another process's memory"
 KNOWN = ("name", "signals", "devices", "limits", "rates", "frame_rate", "seed", "parameters")  # of a `Spec`
+UNASKED = "answered what it was not asked"
+BUILDING = "as it was built"
 CONTROLLER = "controller"  # parameter of a proxy: the index of the controller that it stands for
 
 
@@ -173,17 +176,17 @@ class _Isolated:
         begin = messages.Begin(
             str(Path.cwd()),
             list(sys.path),
-            self._controller,
+            Controller(policy=self._controller.policy, fmu=self._controller.fmu),  # without its link and faults
             self._where,
             facts,
             self._readable,
             LIMITS.memory,
         )
-        self._ask(pickle.dumps(begin), "to be built", LIMITS.build_s)
-        confined = self._answer("to be built", LIMITS.build_s, messages.CONFINED)
+        self._ask(pickle.dumps(begin), BUILDING, LIMITS.build_s)
+        confined = self._answer(BUILDING, LIMITS.build_s, messages.CONFINED)
         if tuple(json.loads(confined)) != (held := confinement()):
             self._fail(RunError(f"{self._where}: confined by {confined.decode()}, not by all of {', '.join(held)}"))
-        ready = self._answer("to be built", until - time.monotonic(), messages.READY)
+        ready = self._answer(BUILDING, until - time.monotonic(), messages.READY)
         self.once_a_tick = ready == b"\1"
         self._cpu_s = self._built_s = self._connection.cpu_s()
 
@@ -204,8 +207,13 @@ class _Isolated:
     def end(self) -> Child:
         """End the process; returns what it has done."""
         spent_s = max(self._connection.cpu_s(), self._cpu_s) - self._built_s
+        unasked = self._connection.unread() if self._status is None else b""
         if self._end_process() == -signal.SIGSYS and not self._breach:
             self._breach = f"{self._controller.name} {FORBIDDEN_CALL}"
+        elif unasked and self._isolation.failure is None:
+            said = unasked[messages.LENGTH.size :]
+            refused = said[1:].decode(errors="replace") if said[:1] == messages.BREACH else UNASKED
+            self._breach = f"{self._controller.name} {refused}"
         simulated_s = max(self._t_s, 1.0 / self._spec.frame_rate)
         computing, waiting = spent_s / simulated_s, self._waited_s / simulated_s
         return Child(self._controller.name, computing, self._slowest_s, self._breach, waiting)

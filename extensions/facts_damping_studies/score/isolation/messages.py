@@ -1,8 +1,8 @@
 """What passes between a run and the process of a controller: frames, each a length and so many bytes.
 
 To the process: first `Begin`, then a frame for each step (`step_content`), and the plant where it asks. The run is
-trusted, so what it sends may be pickled. From the process: a byte that says what it is, and text or numbers; nothing that it
-sends is run.
+trusted, so what it sends may be pickled. From the process: a byte that says what it is, and text or numbers; nothing
+that it sends is run.
 """
 
 from __future__ import annotations

@@ -74,6 +74,12 @@ class Connection:
         content = self._received[LENGTH.size : LENGTH.size + size]
         return content if len(content) == size else b""
 
+    def unread(self) -> bytes:
+        """What has come and was not received as a frame."""
+        with contextlib.suppress(OSError):
+            self._received += self._socket.recv(MOST_BYTES, socket.MSG_DONTWAIT)
+        return self._received
+
     def cpu_s(self) -> float:
         """Time of processor that the process has used, s; 0 once it has gone."""
         try:

@@ -1,7 +1,7 @@
 """What the process of a controller may read: the files beside its own, packages there, and libraries.
 
-Files are listed when a controller is first scored: what is written later, such as cards and recordings, is not among
-them. Nothing below the package's `config` is.
+Files are listed when a controller is first scored, and again when its file has changed: what is written later, such as
+cards and recordings, is not among them. Nothing below the package's `config` is.
 """
 
 from __future__ import annotations
@@ -79,16 +79,18 @@ def file_of_fmu(controller: Controller) -> Path:
 def readable_of(controller: Controller) -> Readable:
     """What the process of a class or an FMU may read. Raises `InputError` for a folder with too many files."""
     fmu = None if controller.fmu is None else str(file_of_fmu(controller))
-    return _readable(str(controller.policy), fmu, str(Path.cwd()))
+    file = Path(fmu if fmu is not None else str(controller.policy).rpartition(":")[0])
+    written = file.stat().st_mtime_ns if file.suffix in (".py", ".fmu") and is_file(file) else 0
+    return _readable(str(controller.policy), fmu, str(Path.cwd()), written)
 
 
 @lru_cache(maxsize=64)
-def _readable(policy: str, fmu: str | None, _folder: str) -> Readable:
-    """The same for a class, or the file of an FMU, of which a relative path begins in a folder."""
+def _readable(policy: str, fmu: str | None, _folder: str, _written: int) -> Readable:
+    """The same for a class, or the file of an FMU: again for another current folder, or when its file has changed."""
     own_files, own_folders = _of_class(policy) if fmu is None else _beside(Path(fmu).resolve().parent)
     system = (path for path in SYSTEM_FILES if Path(path).exists())
     whole = {str(folder.resolve()): None for folder in own_folders if not _is_config(folder)}
-    beside = {str(path.parent.resolve()): None for path in own_files}
+    beside = {str(path.resolve().parent): None for path in (*own_files, *own_folders)}
     files = {str(path.resolve()): None for path in own_files if not _is_config(path)}
     return Readable(libraries(), tuple(whole), (*system, *files), tuple(beside))
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 CHANGES = os.O_ACCMODE | os.O_CREAT | os.O_TRUNC
 CTYPES = str(Path(str(ctypes.__file__)).parent)
-SILENT = ("/dev/null",)  # refused without a sentence
+SILENT = ("/dev/null", "/proc/cpuinfo", "/proc/meminfo", "/proc/self/", "/sys/", "/etc/os-release")  # no sentence
 # Beginnings of audit events, https://docs.python.org/3/library/audit_events.html, and what was done.
 REFUSED = {
     "socket.": "opened a socket",
@@ -38,6 +38,7 @@ REFUSED = {
     ),
     **dict.fromkeys(("resource.setrlimit", "resource.prlimit"), "changed its limits"),
 }
+PROCESSES = "/proc/"  # which may be empty
 NATIVE = "ctypes."  # events of calls of native code; libraries make them, too
 
 
@@ -52,12 +53,15 @@ def install(readable: Readable, native: bool, breach: Callable[[str], NoReturn])
     def refuse(event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open":
             path, _, flags = arguments
-            if isinstance(path, int) or path is None or path in SILENT:
+            if isinstance(path, int) or path is None:
                 return
             name = os.fsdecode(path)
-            if flags & CHANGES:
+            if name.startswith(SILENT):
+                if flags & CHANGES or not may_read(name):
+                    raise PermissionError(f"{name}: cannot be opened by a controller that is scored")
+            elif flags & CHANGES:
                 breach(f"opened {name} to write")
-            if not may_read(name) and exists(name):
+            elif not may_read(name) and (exists(name) or name.startswith(PROCESSES)):
                 breach(f"opened {name}")
         elif event in ("os.listdir", "os.scandir"):
             if not isinstance(arguments[0], int) and not may_list(os.fsdecode(arguments[0] or ".")):
@@ -66,10 +70,10 @@ def install(readable: Readable, native: bool, breach: Callable[[str], NoReturn])
             breach(f"opened {text(Exception(arguments[0]))} to write")
         elif event.startswith(NATIVE):
             if not native and not within(caller(), libraries):
-                breach(f"called native code ({event})")
+                breach(f"called native code: {event}")
         elif event.startswith(beginnings):
             what = next(what for beginning, what in REFUSED.items() if event.startswith(beginning))
-            breach(f"{what} ({event})")
+            breach(f"{what}: {event}")
 
     sys.addaudithook(refuse)
 

@@ -1,9 +1,10 @@
 """A seccomp filter: which calls of the kernel the process of a controller may make.
 
-What it needs to compute and to read is allowed. A thread, a process, a socket, a signal, or another process's memory
-ends it. Anything else, such as to change a file, fails as if the kernel did not have it. A file may be opened only to
-be read. Numbers of the calls: arch/x86/entry/syscalls/syscall_64.tbl and include/uapi/asm-generic/unistd.h of Linux;
-the filter's form: https://docs.kernel.org/userspace-api/seccomp_filter.html.
+What it needs to compute and to read is allowed. A thread, a process, a signal, or another process's memory ends it; an
+FMU may start threads, whose time counts. Anything else, such as to change a file or to open a socket, fails as if the
+kernel did not have it. A file may be opened only to be read. Numbers of the calls:
+arch/x86/entry/syscalls/syscall_64.tbl and include/uapi/asm-generic/unistd.h of Linux; the filter's form:
+https://docs.kernel.org/userspace-api/seccomp_filter.html.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ ALLOWED = """
     getcpu 309 168, getrandom 318 278, statx 332 291, rseq 334 293, faccessat2 439 439
 """
 FATAL = """
-    shmget 29 194, shmat 30 196, socket 41 198, connect 42 203, accept 43 202, sendto 44 206, sendmsg 46 211,
+    shmget 29 194, shmat 30 196, connect 42 203, accept 43 202, sendto 44 206, sendmsg 46 211,
     bind 49 200, listen 50 201, socketpair 53 199, clone 56 220, fork 57 -1, vfork 58 -1, execve 59 221,
     kill 62 129, semget 64 190, msgget 68 186, ptrace 101 117, rt_sigqueueinfo 129 138, mount 165 40,
     tkill 200 130, mq_open 240 180, add_key 248 217, keyctl 250 219, unshare 272 97, accept4 288 242,
@@ -40,6 +41,7 @@ FATAL = """
     pidfd_send_signal 424 424, io_uring_setup 425 425, pidfd_open 434 434, clone3 435 435, pidfd_getfd 438 438
 """
 OPENAT, OPEN, FCNTL, PRLIMIT, IOCTL = (257, 56), (2, -1), (72, 25), (302, 261), (16, 29)
+CLONE, CLONE3, CLONE_THREAD = (56, 220), (435, 435), 0x10000
 MACHINES = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}  # column of the tables, and name of the interface
 X32 = 0x40000000  # calls of x86-64's other interface begin here
 CHANGES = os.O_ACCMODE | os.O_CREAT | os.O_TRUNC  # flags of a file that is not only read
@@ -73,12 +75,16 @@ def _if_call(number: int, steps: list[Step]) -> list[Step]:
     return [] if number < 0 else [Step(EQUAL, number, 0, len(steps)), *steps]
 
 
-def steps_of(machine: str) -> list[Step]:
-    """The filter for a machine."""
+def steps_of(machine: str, *, threads: bool) -> list[Step]:
+    """The filter for a machine; `threads`: whether threads may be started, but still no process."""
     column, interface = MACHINES[machine]
     steps = [Step(LOAD, INTERFACE), Step(EQUAL, interface, 1, 0), Step(RETURN, KILL), Step(LOAD, NUMBER)]
     if machine == "x86_64":
         steps += [Step(AT_LEAST, X32, 0, 1), Step(RETURN, KILL)]
+    if threads:  # the newer call has its flags where a filter does not see them; without it the older is used
+        steps += _if_call(CLONE3[column], [Step(RETURN, FAIL | errno.ENOSYS)])
+        flags = [_argument(0), Step(ANY_BIT, CLONE_THREAD, 1, 0), Step(RETURN, KILL), Step(RETURN, ALLOW)]
+        steps += _if_call(CLONE[column], flags)
     for action, table in ((ALLOW, ALLOWED), (KILL, FATAL)):
         for row in table.split(","):
             steps += _if_call(int(row.split()[1 + column]), [Step(RETURN, action)])
@@ -93,12 +99,12 @@ def steps_of(machine: str) -> list[Step]:
     return [*steps, Step(RETURN, FAIL | errno.ENOSYS)]
 
 
-def filter_calls() -> bool:
+def filter_calls(*, threads: bool) -> bool:
     """Filter the calls of this process from here on; returns whether the platform can."""
     machine = platform.machine()
     if machine not in MACHINES:
         return False
-    steps = steps_of(machine)
+    steps = steps_of(machine, threads=threads)
     packed = b"".join(struct.pack("=HBBI", step.operation, step.if_true, step.if_false, step.operand) for step in steps)
     program, library = _Program(len(steps), packed), ctypes.CDLL(None, use_errno=True)
     if library.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0):

@@ -18,8 +18,10 @@ import socket
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
-import numpy as np  # noqa: F401 (for the controllers)
+import numpy as np
 
 from facts_damping.extensions import given
 from facts_damping.interruption import exit_now
@@ -27,6 +29,8 @@ from facts_damping.simulation.programs import fmus
 from facts_damping_studies.score.isolation import child
 
 ASKED = 1 << 16  # bytes of a request
+ENVIRONMENT = "facts_damping.environment"  # whose observations trained policies use
+_warm: list[Any] = []
 STEPS = 16  # most threads between two forks, plus 1
 
 
@@ -66,6 +70,9 @@ def _load(modules: list[str], fmu: str | None) -> None:
         if name not in sys.modules:
             with contextlib.suppress(Exception):
                 importlib.import_module(name)
+    if ENVIRONMENT in modules and ENVIRONMENT in sys.modules and not _warm:
+        _warm.append(sys.modules[ENVIRONMENT].Window(SimpleNamespace(signals=["y"], frame_rate=50), 1))
+        _warm[0].push(0.0, np.zeros(1), np.zeros(1), np.ones(1, np.bool_))  # compiles it
     if fmu is not None:
         with contextlib.suppress(Exception):
             fmus.unpacked(Path(fmu), "")
