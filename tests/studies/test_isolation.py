@@ -162,14 +162,15 @@ def test_class_of_a_module_is_looked_for_where_the_run_does(tmp_path: Path, monk
 def test_file_that_comes_after_the_first_run_is_not_read(tmp_path: Path) -> None:
     """As a card or a recording would, where one writes them beside the class."""
     (tmp_path / "mine.py").write_text(
-        "from pathlib import Path\nclass Mine:\n def __init__(self, spec): self.path = Path(__file__).with_name('late')\n"
+        "from pathlib import Path\nclass Mine:\n path = Path(__file__).with_name('late')\n"
+        " def __init__(self, spec): pass\n"
         " def step(self, t_s, y, age_s, fresh):\n  if self.path.exists(): self.path.read_bytes()\n  return 0.0\n"
     )
     case = case_with([{"name": "mine", "policy": f"{tmp_path}/mine.py:Mine"}])
     with isolated(case, 1) as (case_isolated, _):
         loop.run(case_isolated)
     (tmp_path / "late").write_text("1")
-    with pytest.raises(isolation.BreachError, match="mine opened .*late"), isolated(case, 1) as (case_isolated, _):
+    with pytest.raises(isolation.BreachError, match=r"mine opened .*late"), isolated(case, 1) as (case_isolated, _):
         loop.run(case_isolated)
     os.utime(tmp_path / "mine.py", ns=(0, 1))  # the user goes on with the class
     with isolated(case, 1) as (case_isolated, _):

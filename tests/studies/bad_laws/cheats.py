@@ -8,9 +8,12 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 
 class Cheat:
@@ -35,8 +38,7 @@ class Reads(Cheat):
     """Reads a file."""
 
     def act(self) -> None:
-        with open(self.place, encoding="utf-8", errors="replace") as file:
-            file.read()
+        Path(self.place).read_bytes()
 
 
 class ReadsEarly(Reads):
@@ -44,10 +46,8 @@ class ReadsEarly(Reads):
 
     def __init__(self, spec: Any) -> None:
         super().__init__(spec)
-        try:
+        with suppress(BaseException):
             self.act()
-        except BaseException:  # noqa: BLE001 (nothing is to be seen)
-            pass
 
 
 class Writes(Cheat):
@@ -61,7 +61,7 @@ class Makes(Cheat):
     """Leaves a folder."""
 
     def act(self) -> None:
-        os.mkdir(self.place)
+        Path(self.place).mkdir()
 
 
 class Shares(Cheat):
@@ -119,7 +119,7 @@ class Traces(Cheat):
     """Looks into another process's memory."""
 
     def act(self) -> None:
-        with open(f"/proc/{os.getppid()}/mem", "rb") as memory:
+        with Path(f"/proc/{os.getppid()}/mem").open("rb") as memory:
             memory.read(1)
         raise ValueError("saw another's memory")
 
@@ -132,11 +132,9 @@ class Fools(Cheat):
         self.what = spec.parameters["call"]
 
     def act(self) -> None:
-        import numpy  # noqa: PLC0415 (whose code it pretends to be)
-
         text = "import ctypes\ndef call(name, *rest): return getattr(ctypes.CDLL(None), name)(*rest)"
         space: dict[str, Any] = {}
-        exec(compile(text, str(numpy.__file__), "exec"), space)
+        exec(compile(text, str(np.__file__), "exec"), space)
         calls = {
             "socket": (2, 1, 0),
             "fork": (),

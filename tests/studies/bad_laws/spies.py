@@ -11,6 +11,8 @@ import threading
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
+
 
 def say(seen: Any) -> NoReturn:
     raise ValueError("saw " + json.dumps(seen))
@@ -38,7 +40,8 @@ class Process:
 
     def __init__(self, spec: Any) -> None:
         collected = [row["collections"] for row in gc.get_stats()]
-        say([collected, gc.get_freeze_count(), len(sys.modules), id(object()), threading.active_count(), os.environ["PATH"]])
+        counts = [gc.get_freeze_count(), len(sys.modules), threading.active_count(), *gc.get_count()[1:]]
+        say([collected, counts, sorted(os.environ), sys.argv])
 
     def step(self, t_s: float, y: Any, age_s: Any, fresh: Any) -> Any:
         return 0.0 * y
@@ -57,14 +60,13 @@ class Objects:
         while frame is not None:
             kinds |= {type(value).__name__ for value in frame.f_locals.values()}
             frame = frame.f_back
-        processes = [name for name in os.listdir("/proc") if name.isdigit()] if self.may_list() else []
-        say([sorted(kinds & set(wanted)), self.open_files(), processes, hasattr(self.spec, "system")])
+        say([sorted(kinds & set(wanted)), self.open_files(), self.processes(), hasattr(self.spec, "system")])
 
-    def may_list(self) -> bool:
+    def processes(self) -> list[str]:
         try:
-            return bool(os.listdir("/proc"))
+            return [path.name for path in Path("/proc").iterdir() if path.name.isdigit()]
         except PermissionError:
-            return False
+            return []
 
     def open_files(self) -> list[int]:
         numbers = []
@@ -83,9 +85,7 @@ class Memory:
     left = 0
 
     def __init__(self, spec: Any) -> None:
-        import numpy  # noqa: PLC0415 (where it leaves something)
-
-        places: list[Any] = [type(self), numpy, sys, os]
+        places: list[Any] = [type(self), np, sys, os]
         self.before = [int(getattr(place, "left", 0)) for place in places] + [int(os.environ.get("LEFT", "0"))]
         self.before += [len(list(Path(__file__).parent.glob("left*")))]
         for place in places:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import secrets
 import sys
 import traceback
 from dataclasses import dataclass, field
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 CONNECTION = 3  # file descriptor
 BREACHED = 3  # exit status
+_scattered: list[bytes] = []  # so that addresses of objects do not tell how often the template was asked
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class KnownSpec:
 def run(connection: int) -> NoReturn:
     """Be the process of a controller, from after the fork to the end; `connection`: its only way to the run."""
     try:
+        _scattered.extend(bytes(secrets.randbelow(512)) for _ in range(secrets.randbelow(4096)))
         _leave_files(connection)
         content = messages.read_frame(CONNECTION)
         if content is not None:

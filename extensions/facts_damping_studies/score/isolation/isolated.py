@@ -195,6 +195,8 @@ class _Isolated:
         when, self._t_s = f"in step of {self._controller.name} at {t_s:.6g} s", t_s
         began = time.monotonic()
         patience_s = min(LIMITS.step_s, LIMITS.run_s - self._waited_s)
+        if self._connection.unread():  # it could go on, while the run does, with what it answers next
+            self._fail_by(f"{UNASKED} ({when})")
         self._ask(messages.step_content(t_s, y, age_s, fresh), when, patience_s)
         content = self._answer(when, patience_s, messages.SETPOINTS)
         self._waited_s += time.monotonic() - began

@@ -83,8 +83,8 @@ def steps_of(machine: str, *, threads: bool) -> list[Step]:
         steps += [Step(AT_LEAST, X32, 0, 1), Step(RETURN, KILL)]
     if threads:  # the newer call has its flags where a filter does not see them; without it the older is used
         steps += _if_call(CLONE3[column], [Step(RETURN, FAIL | errno.ENOSYS)])
-        flags = [_argument(0), Step(ANY_BIT, CLONE_THREAD, 1, 0), Step(RETURN, KILL), Step(RETURN, ALLOW)]
-        steps += _if_call(CLONE[column], flags)
+        of_thread = [_argument(0), Step(ANY_BIT, CLONE_THREAD, 1, 0), Step(RETURN, KILL), Step(RETURN, ALLOW)]
+        steps += _if_call(CLONE[column], of_thread)
     for action, table in ((ALLOW, ALLOWED), (KILL, FATAL)):
         for row in table.split(","):
             steps += _if_call(int(row.split()[1 + column]), [Step(RETURN, action)])
