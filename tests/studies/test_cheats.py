@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +23,11 @@ if TYPE_CHECKING:
 
 LAWS = Path(__file__).parent / "bad_laws"
 CASE_SET = str(share_folder() / "config" / "case_sets" / "two_area_1.0.yaml")
+
+
+def holds(means: str) -> bool:
+    """Whether this platform confines controllers by a means."""
+    return any(name.startswith(means) for name in confinement())
 
 
 def case_with(law: str, *sets: str, run: str = "two_area_large", **parameters: str) -> Case:
@@ -231,21 +235,28 @@ def test_memory_of_the_run_is_not_read() -> None:
         ("Native", "called native code: ctypes.dlopen"),
     ],
 )
-def test_what_leads_out_of_the_process_is_a_breach(law: str, sentence: str) -> None:
+def test_way_out_of_the_process_is_a_breach(law: str, sentence: str) -> None:
     assert f"mine {sentence}" in breach_in(case_with(f"cheats:{law}"))
 
 
 @pytest.mark.parametrize("call", ["fork", "kill", "ptrace", "process_vm_readv", "shmget"])
-@pytest.mark.skipif(sys.platform != "linux" or "seccomp" not in confinement(), reason="no filter of system calls here")
+@pytest.mark.skipif(not holds("seccomp"), reason="no filter of system calls here")
 def test_kernel_ends_a_process_that_fools_the_audit_hook(call: str) -> None:
     assert "asked the kernel" in breach_in(case_with("cheats:Fools", call=call))
 
 
-@pytest.mark.parametrize("call", ["open", "creat", "mkdir", "unlink", "socket"])
-@pytest.mark.skipif("seccomp" not in confinement(), reason="no filter of system calls here")
+@pytest.mark.skipif(not holds("Landlock"), reason="no Landlock here")
+def test_kernel_keeps_case_sets_from_a_process_that_fools_the_audit_hook() -> None:
+    _, failure, _ = outcome(case_with("cheats:Fools", call="open", place=CASE_SET))
+    assert "came back with -1" in str(failure)
+    _, failure, _ = outcome(case_with("cheats:Fools", call="open", place=str(LAWS / "cheats.py")))
+    assert "came back with 4" in str(failure)  # that it would have been opened
+
+
+@pytest.mark.parametrize("call", ["creat", "mkdir", "unlink", "socket"])
+@pytest.mark.skipif(not holds("seccomp"), reason="no filter of system calls here")
 def test_kernel_refuses_what_fools_the_audit_hook(call: str, tmp_path: Path) -> None:
-    place = CASE_SET if call == "open" else str(tmp_path / "left")
-    _, failure, _ = outcome(case_with("cheats:Fools", call=call, place=place))
+    _, failure, _ = outcome(case_with("cheats:Fools", call=call, place=str(tmp_path / "left")))
     assert "came back with -1" in str(failure)
     assert not (tmp_path / "left").exists()
     assert (LAWS / "cheats.py").exists()
