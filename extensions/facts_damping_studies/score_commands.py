@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from facts_damping_studies.score.cases.sets import Controllers, Set
-    from facts_damping_studies.score.entries import Entry
     from facts_damping_studies.score.score_card import ScoreCard
 
 
@@ -62,7 +61,7 @@ def score(arguments: argparse.Namespace) -> None:
         cards = card.cards_of(case_set, entries)
         cards = with_worst(case_set, cards, controllers, arguments.hunt, arguments.jobs, tell("hunt", "controllers"))
     if arguments.controller is not None:
-        _tell_card(arguments, case_set, entries, cards, controllers, folder)
+        _tell_card(arguments, case_set, cards, controllers, folder)
         return
     ranked = card.ranking(cards)
     write_json(arguments.json, {"ranking": [each.document() for each in ranked]})
@@ -111,10 +110,9 @@ def _verify(arguments: argparse.Namespace) -> None:
         raise RunError(f"{arguments.verify}: the card does not hold")
 
 
-def _tell_card(  # noqa: PLR0913
+def _tell_card(
     arguments: argparse.Namespace,
     case_set: Set,
-    entries: Mapping[str, Entry],
     cards: list[ScoreCard],
     controllers: Mapping[str, Controllers],
     folder: Path | None,
@@ -159,6 +157,6 @@ def compare(arguments: argparse.Namespace) -> None:
         entries = card.entries_of(case_set, entrants, list(entrants), arguments.jobs, tell("compare", "runs"))
         cards = card.cards_of(case_set, entries)
     say(arguments, *own_grid.ground_text(ground), *comparison.tuned_text(entrants, controllers), "")
-    _tell_card(arguments, case_set, entries, cards, entrants, folder)
+    _tell_card(arguments, case_set, cards, entrants, folder)
     if folder is not None:
         _write_set(arguments, case_set, folder)

@@ -13,7 +13,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import FactsDampingError
 from facts_damping.input_files import share_folder
 from facts_damping.simulation import loop
-from facts_damping_studies.score.card import case_of, read_set
+from facts_damping_studies.score.cases.sets import case_of, read_set
 from facts_damping_studies.score.isolation import isolated as isolation
 from facts_damping_studies.score.isolation.isolated import Child, Limits, breach_of, confinement, isolated
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from facts_damping.record import Record
 
 LAWS = Path(__file__).parent / "bad_laws"
-CASE_SET = str(share_folder() / "config" / "case_sets" / "two_area_1.0.yaml")
+CASE_SET = str(share_folder() / "config" / "case_sets" / "two_area_2.0.yaml")
 
 
 def holds(means: str) -> bool:
@@ -93,7 +93,7 @@ def test_all_that_a_controller_knows_is_the_same_in_cases_of_one_set() -> None:
 
 def test_seed_of_a_controller_is_no_mark_of_the_case() -> None:
     """In cases of a shipped set, each of which has its own seed; it is that from outside alone."""
-    case_set = read_set("two_area_1.0")
+    case_set = read_set("two_area_2.0")
     rows = [{"name": "mine", "policy": f"{LAWS}/spies.py:Spec"}]
     cases = [case_of(case_set, rows, i) for i in (0, 30, 60)]
     assert len({case.run.seed for case in cases}) == 3
@@ -126,6 +126,17 @@ def test_reading_a_file_is_a_breach(law: str, place: str) -> None:
     """Also where the class hides the error, and before the first step."""
     when = "as it was built" if law.endswith("Early") else "in step of mine at 0 s"
     assert breach_in(case_with(law, place=place)) == f"mine opened {place} ({when})"
+
+
+def test_file_beside_a_class_is_read_as_it_is_built_or_not_at_all() -> None:
+    place = str(LAWS / "lawful.py")
+    assert (
+        breach_in(case_with("cheats:Reads", place=place))
+        == f"mine opened {place} after it was built (in step of mine at 0 s)"
+    )
+    _, failure, child = outcome(case_with("cheats:ReadsEarly", place=place))
+    assert failure is None
+    assert place in child.read
 
 
 def test_link_beside_a_class_leads_to_no_case_set(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from facts_damping_studies.score.case_drawing import KINDS, meshed_lines
 
 from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.case.changes import as_sets, change
@@ -15,7 +16,6 @@ from facts_damping.errors import FactsDampingError
 from facts_damping.parameters.files import read_table
 from facts_damping.simulation import loop
 from facts_damping_studies.score import comparison, tuning
-from facts_damping_studies.score.case_drawing import KINDS, meshed_lines
 from facts_damping_studies.score.controllers import controllers_of
 from facts_damping_studies.search.space import space_of
 from tests.commands import assert_one_line

@@ -163,8 +163,8 @@ def test_file_that_comes_after_the_first_run_is_not_read(tmp_path: Path) -> None
     """As a card or a recording would, where one writes them beside the class."""
     (tmp_path / "mine.py").write_text(
         "from pathlib import Path\nclass Mine:\n path = Path(__file__).with_name('late')\n"
-        " def __init__(self, spec): pass\n"
-        " def step(self, t_s, y, age_s, fresh):\n  if self.path.exists(): self.path.read_bytes()\n  return 0.0\n"
+        " def __init__(self, spec):\n  if self.path.exists(): self.path.read_bytes()\n"
+        " def step(self, t_s, y, age_s, fresh): return 0.0\n"
     )
     case = case_with([{"name": "mine", "policy": f"{tmp_path}/mine.py:Mine"}])
     with isolated(case, 1) as (case_isolated, _):

@@ -17,16 +17,16 @@ from facts_damping.simulation.assembly import build_plant
 from facts_damping.simulation.twins import without_events
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping_studies.score import reference as upper
-from facts_damping_studies.score.card import case_of, read_set
+from facts_damping_studies.score.cases.sets import case_of, read_set
 from facts_damping_studies.score.measure import measure
 from facts_damping_studies.score.reference import law, mean_loop_delay, onward, reference, swing_models
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
-SET = read_set("two_area_1.0")
+SET = read_set("two_area_2.0")
 AFTER = SET.content.after
-TRIP, CLEARED, WRONG_MODEL, SLOW, LOST_DEVICE, WRONG_SIGN, NOISE = 0, 7, 24, 54, 76, 80, 86  # cases of the set
+TRIP, CLEARED, WRONG_MODEL, SLOW, LOST_DEVICE, WRONG_SIGN, NOISE = 0, 7, 24, 48, 80, 84, 68  # cases of the set
 STEP = 5  # of a load
 
 
@@ -39,7 +39,7 @@ def without_control(i: int) -> Case:
 def index(i: int, name: str | None) -> float:
     """The index of a controller of the set, or of none, in a case."""
     rows = SET.content.controllers[name] if name else ()
-    value = measure(case_of(SET, rows, i), AFTER).measure
+    value = measure(case_of(SET, rows, i), AFTER, 0)[0].measure
     assert value is not None
     return value
 

@@ -53,7 +53,7 @@ def log_ratio(index: float | None, reference: float | None) -> float:
 
 def logs(measured: Sequence[Measured], none: Sequence[Measured]) -> NDArray[np.float64]:
     """Log ratio of the index in each case, (cases,)."""
-    return np.array([log_ratio(a.index, b.index) for a, b in zip(measured, none, strict=True)])
+    return np.array([log_ratio(a.measure, b.measure) for a, b in zip(measured, none, strict=True)])
 
 
 def entries_of(
@@ -123,9 +123,7 @@ def _card(case_set: Set, entries: Mapping[str, Entry], name: str) -> ScoreCard:
     )
 
 
-def _kind(
-    case_set: Set, kind: str, cases: Sequence[Measured], none: Sequence[Measured], changed: Changes
-) -> KindScore:
+def _kind(case_set: Set, kind: str, cases: Sequence[Measured], none: Sequence[Measured], changed: Changes) -> KindScore:
     at = [i for i, case in enumerate(case_set.cases) if case.kind == kind]
     return KindScore(
         cases=len(at),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from functools import partial
+from random import SystemRandom
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.control.table import kind_of
@@ -67,6 +68,7 @@ def measured_entries(
         with isolated(case_of(case_set, rows, 0), case_set.controller_seed) as (case, _):
             build_loop(case)
     tasks = [(name, rows, i) for name, rows in controllers.items() for i in range(len(case_set.cases))]
+    SystemRandom().shuffle(tasks)  # users' programs know the time, which in a fixed order would tell the case
     results: dict[str, dict[int, Result]] = {name: {} for name in controllers}
     progress(0, len(tasks))
     with workers(jobs) as each:

@@ -18,10 +18,15 @@ BINARY = "base64:"  # start of the content of a file that is no text
 
 
 def files_of(rows: Sequence[Mapping[str, Any]], read: Sequence[str]) -> dict[str, str]:
-    """Name: content, of the programs of controllers and of the files that they `read` beside them."""
-    paths = [path for row in rows for path in _programs(row)]
-    beside = [path.parent / name for path in paths[:1] for name in read]
-    return {path.name: _content(path) for path in dict.fromkeys([*paths, *beside])}
+    """Name: content, of the programs of controllers and of the files that they `read` beside them.
+
+    Raises `InputError`.
+    """
+    paths = dict.fromkeys([*(path.resolve() for row in rows for path in _programs(row)), *map(Path, read)])
+    names = [path.name for path in paths]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(f"controllers: two files named {', '.join(twice)} given; allowed: names that differ")
+    return {path.name: _content(path) for path in paths}
 
 
 def _programs(row: Mapping[str, Any]) -> list[Path]:

@@ -37,7 +37,9 @@ CLEARED_S = 0.1  # after the last event, from which voltages and frequencies cou
 class Measured(NamedTuple):
     """Figures of a controller in a case."""
 
-    index: float | None  # ITAE of the response, p.u. s^2, or rms, p.u.; None: synchronism is lost, or a breach
+    measure: (
+        float | None
+    )  # the index: ITAE of the response, p.u. s^2, or rms, p.u.; None: synchronism is lost, or a breach
     peak: float | None = None  # p.u., largest speed difference of the response after the event
     lost_s: float | None = None  # s, when synchronism is lost
     effort: float = 0.0  # mean of the setpoints relative to their limits
@@ -54,7 +56,7 @@ class Measured(NamedTuple):
 class Seen(NamedTuple):
     """What users' programs looked at in a case."""
 
-    files: frozenset[str] = frozenset()  # beside their own, by name
+    files: frozenset[str] = frozenset()  # beside their own
     plant: bool = False  # the linearised plant
 
 

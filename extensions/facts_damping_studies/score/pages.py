@@ -57,8 +57,8 @@ def answer(card: ScoreCard) -> list[str]:
         f"synchronism lost in {card.lost} cases, without control in {card.lost_without_control}",
         f"taken off by a supervisor in {card.tripped} of {len(card.entry.cases)} cases",
         *([f"better than no control up to {delays(card)} more delay"] if has_delays(card) else []),
-        f"mean setpoint {100 * card.effort:.1f} % of the limit, which it moves {card.travel:.3g} times a second; "
-        f"at a limit {100 * card.saturated:.1f} % of the time",
+        f"mean setpoint {100 * card.effort:.1f} % of the limit, at it {100 * card.saturated:.1f} % of the time",
+        f"setpoints move {card.travel:.3g} times their limit a second",
         *_limits_text(card),
     ]
     if card.hunted is not None:

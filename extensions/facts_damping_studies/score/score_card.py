@@ -96,7 +96,7 @@ class ScoreCard:
             "kinds": {name: {**kind._asdict(), "change": kind.change._asdict()} for name, kind in self.kinds.items()},
             "against": {name: change._asdict() for name, change in self.against.items()},
         }
-        content = {"controller": self.controller}
+        content: dict[str, Any] = {"controller": self.controller}
         for name, value in vars(self).items():
             if name not in ("entry", "entry_document", "hunted"):
                 content[name] = parts.get(name) or (value._asdict() if hasattr(value, "_asdict") else value)

@@ -15,8 +15,8 @@ from facts_damping_studies.search.space import space_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from facts_damping_studies.design.design import Tell
     from facts_damping.case.model import Case
+    from facts_damping_studies.design.design import Tell
     from facts_damping_studies.score.cases.own_grid import Ground
     from facts_damping_studies.score.cases.sets import Controllers
 

@@ -35,7 +35,9 @@ class CaseSet(ParameterModel):
     seed: str = Field(..., min_length=1, description="text that the cases are drawn from")
     kinds: dict[str, int] = Field(..., min_length=1, description="kind of case: number of its cases")
     beside: list[str] = Field([], description="those of `kinds` that stand beside the score, not in it")
-    redrawn: dict[str, int] = Field({}, description="kind and number of a case: draws before it that have no power flow")
+    redrawn: dict[str, int] = Field(
+        {}, description="kind and number of a case: draws before it that have no power flow"
+    )
     heldout: str | None = Field(
         None, pattern="^[0-9a-f]{64}$", description="SHA-256 of the text that the held-out cases are drawn from"
     )

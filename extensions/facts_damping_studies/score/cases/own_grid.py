@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.analysis.supervision import supervision, trips
-from facts_damping.case.changes import as_sets, change
 from facts_damping.case.loading import changed_case, read_system
 from facts_damping.errors import InputError, check_known
 from facts_damping.monitor_table import MONITORS

@@ -133,11 +133,11 @@ UNCONTROLLED = {"supervision": None, "arm_at": None}
 
 def _with_cases(name: str, content: CaseSet, grid: Grid) -> Set:
     events = {(key, i): event for event, (_, key, i) in enumerate(_draws(content))}
-    cases = []
+    cases: list[ScoredCase] = []
     for kind, number in content.kinds.items():
         key = KINDS[kind].drawn_as or kind
-        for i in range(number):
-            cases.append(_case(content, grid, kind, i, content.redrawn.get(f"{key} {i}", 0), events[key, i]))
+        redrawn = [content.redrawn.get(f"{key} {i}", 0) for i in range(number)]
+        cases += [_case(content, grid, kind, i, redrawn[i], events[key, i]) for i in range(number)]
     of_cases = content.model_dump(mode="json", include={"version", "run", "set", "after"})
     text = json.dumps([of_cases, [case.model_dump(mode="json") for case in cases]], sort_keys=True)
     return Set(name, content, cases, hashlib.sha256(text.encode()).hexdigest()[:16])
@@ -167,8 +167,8 @@ def case_of(case_set: Set, rows: Controllers, i: int) -> Any:
 
 
 def run_of(content: CaseSet, rows: Controllers) -> dict[str, Any]:
-    """The run of all cases of a set with controllers."""
+    """The run of all cases of a set with controllers, which are designed on the grid as it is in none of them."""
     usual = {"devices": content.devices, "signals": content.signals}
     run = deepcopy(content.run) | {"controllers": [{**usual, **row} for row in rows]}
     change(run, content.set, as_sets(content.set))  # before the case's, which may change what these add
-    return run
+    return run if run.get("model") is not None else {**run, "model": deepcopy(run["system"])}

@@ -111,12 +111,12 @@ def _serve(begin: Begin) -> None:
         if controller is None:
             return
         spec = KnownSpec(**begin.facts, ask=_plant)
-        refusals.install(readable, native, _breach)
+        built = refusals.install(readable, native, _breach)
         file, step, once = instance(controller, cast("Spec", spec), begin.where)
     except InputError as error:
         _send(messages.ERROR, str(error)[: messages.MOST_TEXT])
         return
-    _send(messages.READY, b"\1" if once else b"\0")
+    _send(messages.READY, json.dumps([once, built()]))
     signals, devices = len(spec.signals), list(spec.devices)
     while content := messages.read_frame(CONNECTION):
         try:

@@ -67,6 +67,8 @@ class Child(NamedTuple):
     slowest_s: float  # longest step, s of time of processor
     breach: str  # what it did that is not allowed; empty: nothing
     waiting: float = 0.0  # wall time in which the run waited for it over simulated time
+    read: tuple[str, ...] = ()  # files beside its own that it read as it was built
+    plant: bool = False  # whether it read the linearised plant
 
 
 class BreachError(RunError):
@@ -163,7 +165,7 @@ class _Isolated:
         self._spec: Spec = isolation.spec(c)
         self._devices, self._t_s = len(self._spec.devices), 0.0
         self._cpu_s = self._built_s = self._slowest_s = self._waited_s = 0.0
-        self._asked_plant, self._breach = False, ""
+        self._asked_plant, self._breach, self._read = False, "", list[str]()
         self._status: int | None = None
         fmu = None if self._controller.fmu is None else str(file_of_fmu(self._controller).resolve())
         self._readable = readable_of(self._controller)
@@ -187,7 +189,7 @@ class _Isolated:
         if tuple(json.loads(confined)) != (held := confinement()):
             self._fail(RunError(f"{self._where}: confined by {confined.decode()}, not by all of {', '.join(held)}"))
         ready = self._answer(BUILDING, until - time.monotonic(), messages.READY)
-        self.once_a_tick = ready == b"\1"
+        self.once_a_tick, self._read = json.loads(ready)
         self._cpu_s = self._built_s = self._connection.cpu_s()
 
     def step(self, t_s: float, y: Floats, age_s: Floats, fresh: NDArray[np.bool_]) -> Floats:
@@ -218,7 +220,8 @@ class _Isolated:
             self._breach = f"{self._controller.name} {refused}"
         simulated_s = max(self._t_s, 1.0 / self._spec.frame_rate)
         computing, waiting = spent_s / simulated_s, self._waited_s / simulated_s
-        return Child(self._controller.name, computing, self._slowest_s, self._breach, waiting)
+        done = self._controller.name, computing, self._slowest_s, self._breach, waiting
+        return Child(*done, tuple(self._read), self._asked_plant)
 
     def _ask(self, content: bytes, when: str, patience_s: float) -> None:
         try:

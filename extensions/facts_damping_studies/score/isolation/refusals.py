@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from facts_damping.errors import one_line
-from facts_damping_studies.score.isolation.readable import Readable, within
+from facts_damping_studies.score.isolation.readable import SYSTEM_FILES, Readable, within
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,13 +42,15 @@ PROCESSES = "/proc/"  # which may be empty
 NATIVE = "ctypes."  # events of calls of native code; libraries make them, too
 
 
-def install(readable: Readable, native: bool, breach: Callable[[str], NoReturn]) -> None:
+def install(readable: Readable, native: bool, breach: Callable[[str], NoReturn]) -> Callable[[], list[str]]:
     """Add the hook to this process, for good.
 
     `native`: whether native code may be called, as of an FMU; `breach`: called with a sentence, does not return.
+    Returns a function that tells which files beside the controller's it has read so far; no others from then on.
     """
     may_read, may_list, beginnings = _checks(readable, os.path.realpath)
     libraries, caller, text, exists = readable.libraries, _caller, one_line, os.path.exists
+    real, beside, read, is_built = os.path.realpath, frozenset(readable.files), dict[str, None](), list[bool]()
 
     def refuse(event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open":
@@ -63,6 +65,10 @@ def install(readable: Readable, native: bool, breach: Callable[[str], NoReturn])
                 breach(f"opened {name} to write")
             elif not may_read(name) and (exists(name) or name.startswith(PROCESSES)):
                 breach(f"opened {name}")
+            elif real(name) in beside:
+                if is_built and real(name) not in read:
+                    breach(f"opened {name} after it was built")
+                read[real(name)] = None
         elif event in ("os.listdir", "os.scandir"):
             if not isinstance(arguments[0], int) and not may_list(os.fsdecode(arguments[0] or ".")):
                 raise PermissionError(f"{arguments[0]}: cannot be listed by a controller that is scored")
@@ -76,6 +82,12 @@ def install(readable: Readable, native: bool, breach: Callable[[str], NoReturn])
             breach(f"{what}: {event}")
 
     sys.addaudithook(refuse)
+
+    def built() -> list[str]:
+        is_built.append(True)
+        return [name for name in read if name not in SYSTEM_FILES]
+
+    return built
 
 
 def _checks(
