@@ -18,9 +18,11 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import FactsDampingError
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin
+from facts_damping_studies.score.card import case_of, read_set
 from facts_damping_studies.score.isolation import isolated as isolation
 from facts_damping_studies.score.isolation.isolated import isolated
 from facts_damping_studies.score.isolation.processes import Template
+from facts_damping_studies.score.isolation.readable import imported
 from facts_damping_studies.score.isolation.system_calls import (
     ALLOW,
     ALLOWED,
@@ -36,6 +38,7 @@ from facts_damping_studies.score.isolation.system_calls import (
     Step,
     steps_of,
 )
+from facts_damping_studies.score.measure import measure
 from tests.lead_lag_fmu import build
 
 if TYPE_CHECKING:
@@ -109,6 +112,26 @@ def test_fmu_is_the_same(tmp_path: Path, version: int) -> None:
     shutil.copy(ROOT / "examples" / "lead_lag.py", tmp_path)  # which the FMU's code imports
     fmu = build(tmp_path, tmp_path, version)
     assert_same(case_with([{"name": "mine", "fmu": str(fmu), "parameters": {"gain": 12}}]))
+
+
+def test_measure_of_a_case_is_the_same() -> None:
+    """With its twin, in a case of a set."""
+    case = case_of(read_set(str(ROOT / "tests" / "data" / "case_set.yaml")), [LEAD_LAG], 0)
+    with isolated(case, 1) as (case_isolated, children):
+        measured = measure(case_isolated, 8.0)
+    assert measured == measure(case, 8.0)
+    assert measured.effort > 0.0
+    assert len(children) == 2
+
+
+def test_libraries_of_a_file_are_loaded_before_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "law.py").write_text(
+        "import os, scipy.signal, entrant\nfrom numpy import random, f2py\nfrom numpy.f2py import __main__\n"
+        "from . import beside\nfrom entrant import law\n"
+    )
+    names = imported(f"{tmp_path}/law.py:Law")
+    assert names == ["scipy.signal", "numpy", "numpy.random", "numpy.f2py"]
+    assert imported("law:Law") == imported(None) == imported(f"{tmp_path}/none.py:Law") == []
 
 
 def test_case_without_programs_runs_as_it_is() -> None:

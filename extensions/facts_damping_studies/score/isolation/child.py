@@ -9,7 +9,7 @@ import secrets
 import sys
 import traceback
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 from facts_damping.errors import InputError, one_line
@@ -87,8 +87,9 @@ def _breach(sentence: str) -> NoReturn:
     exit_now(BREACHED)
 
 
+@cache
 def _plant() -> LinearPlant:
-    """Ask the run for the plant."""
+    """Ask the run for the plant, once."""
     _send(messages.PLANT)
     content = messages.read_frame(CONNECTION)
     if content is None:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import RunError
+from facts_damping.interruption import interruptions_held
 from facts_damping_studies.score.isolation.messages import LENGTH, MOST_BYTES, frame
 from facts_damping_studies.score.isolation.readable import LIBRARIES, code_roots, libraries, within
 
@@ -121,7 +122,7 @@ class Template:
             for end in socket.socketpair():
                 end.close()
         ours, its = socket.socketpair()
-        with self._lock, its:
+        with self._lock, its, interruptions_held():
             request = json.dumps({"fork": list(modules), "fmu": fmu}).encode()
             socket.send_fds(self._socket, [request], [its.fileno()])
             process = int(self._answer())
@@ -129,7 +130,7 @@ class Template:
 
     def end(self, process: int) -> int:
         """End a process; returns its exit status, negative if a signal ended it."""
-        with self._lock:
+        with self._lock, interruptions_held():
             self._socket.send(json.dumps({"end": process}).encode())
             return int(self._answer())
 

@@ -12,17 +12,17 @@ import sys
 import sysconfig
 from functools import cache, lru_cache
 from importlib.machinery import PathFinder
-from importlib.util import resolve_name
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping import errors
 from facts_damping.errors import InputError
+from facts_damping.extensions import given
 from facts_damping.input_files import is_file, read_bytes, share_folder
 from facts_damping.parameters.run import Fmu
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from facts_damping.parameters.run import Controller
 
@@ -38,6 +38,11 @@ SYSTEM = (
 )
 SYSTEM_FILES = ("/etc/ld.so.cache", "/etc/localtime", "/dev/null", "/dev/zero", "/dev/urandom", "/dev/random")
 LIBRARIES = ("site-packages", "dist-packages")
+# What the template may load for classes: libraries that are known, as their code runs there unconfined.
+LOADED = (
+    *("casadi", "control", "cvxpy", "facts_damping", "jax", "numba", "numpy", "onnxruntime", "osqp", "pandas"),
+    *("scipy", "sklearn", "slycot", "sympy", "torch"),
+)
 
 
 class Readable(NamedTuple):
@@ -102,11 +107,12 @@ def _is_config(path: Path) -> bool:
 
 
 def _of_class(policy: str) -> tuple[list[Path], list[Path]]:
-    place = policy.rpartition(":")[0]
+    entries = given("policies")
+    place = (entries[policy].value if policy in entries else policy).rpartition(":")[0]
     if place.endswith(".py"):
         return _beside(Path(place).resolve().parent)
     spec = PathFinder.find_spec(place.partition(".")[0], [str(Path.cwd()), *sys.path])  # which runs nothing
-    if spec is None:  # as of an entry point, in a library
+    if spec is None:  # which the class's own process will meet
         return [], []
     if spec.submodule_search_locations is not None:
         return [], [Path(folder) for folder in spec.submodule_search_locations]
@@ -128,7 +134,7 @@ def _beside(folder: Path) -> tuple[list[Path], list[Path]]:
 
 
 def imported(policy: str | None) -> list[str]:
-    """Modules of libraries that the file of a class imports, by its text, which is not run."""
+    """Modules of the libraries in `LOADED` that the file of a class imports, by its text, which is not run."""
     path = Path((policy or "").rpartition(":")[0])
     if path.suffix != ".py" or not is_file(path):
         return []
@@ -136,7 +142,8 @@ def imported(policy: str | None) -> list[str]:
         tree = ast.parse(read_bytes(path))
     except (SyntaxError, ValueError):  # which the class's own process will meet
         return []
-    return [name for name in _names(ast.walk(tree)) if _is_library(name.partition(".")[0])]
+    names = [name.split(".") for name in _names(ast.walk(tree))]
+    return [".".join(parts) for parts in names if parts[0] in LOADED and not any(part[:1] == "_" for part in parts)]
 
 
 def _names(nodes: Iterable[ast.AST]) -> list[str]:
@@ -145,14 +152,8 @@ def _names(nodes: Iterable[ast.AST]) -> list[str]:
         if isinstance(node, ast.Import):
             names |= dict.fromkeys(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names |= dict.fromkeys([node.module, *(resolve_name(f".{a.name}", node.module) for a in node.names)])
+            names |= dict.fromkeys([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
     return list(names)
-
-
-def _is_library(top: str) -> bool:
-    spec = PathFinder.find_spec(top, sys.path)
-    places: Sequence[str] = [] if spec is None else [str(spec.origin), *(spec.submodule_search_locations or [])]
-    return any(within(os.path.realpath(place), libraries()) for place in places)
 
 
 def within(path: str, folders: Iterable[str]) -> bool:

@@ -29,16 +29,17 @@ from facts_damping.simulation.programs import fmus
 from facts_damping_studies.score.isolation import child
 
 ASKED = 1 << 16  # bytes of a request
-ENVIRONMENT = "facts_damping.environment"  # whose observations trained policies use
-_warm: list[Any] = []
 STEPS = 16  # most threads between two forks, plus 1
+ENVIRONMENT = "facts_damping.environment"  # whose observations trained policies use
+_warm: list[Any] = []  # such observations, once they are compiled
 
 
 def serve(descriptor: int) -> None:
     """Answer requests over a socket until it is closed; then end all processes that are left.
 
     `{"fork": [modules], "fmu": file}` with a descriptor: modules to load first, an FMU to unpack first; the answer is
-    the process number. `{"end": process number}`: the answer is its exit status, negative if a signal ended it.
+    the process number. `{"end": process number}`: the answer is its exit status, negative if a signal ended it, and 0
+    if there is no such process.
     """
     requests = socket.socket(fileno=descriptor)
     signal.set_wakeup_fd(-1)
@@ -53,8 +54,8 @@ def serve(descriptor: int) -> None:
             break
         request = json.loads(text)
         if "end" in request:
+            answer = _end(request["end"]) if request["end"] in running else 0
             running.discard(request["end"])
-            answer = _end(request["end"])
         else:
             _load(request["fork"], request["fmu"])
             answer = _fork(descriptors[0])
@@ -68,7 +69,7 @@ def _load(modules: list[str], fmu: str | None) -> None:
     """Load modules of libraries, and unpack an FMU, for all controllers to come, which meet the error if that fails."""
     for name in modules:
         if name not in sys.modules:
-            with contextlib.suppress(Exception):
+            with contextlib.suppress(Exception, SystemExit):
                 importlib.import_module(name)
     if ENVIRONMENT in modules and ENVIRONMENT in sys.modules and not _warm:
         _warm.append(sys.modules[ENVIRONMENT].Window(SimpleNamespace(signals=["y"], frame_rate=50), 1))
