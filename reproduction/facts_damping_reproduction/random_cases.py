@@ -8,7 +8,12 @@ import numpy as np
 
 Random = np.random.Generator
 LINES = ("line_1", "line_2", "line_3", "line_4")  # of faults and trips
-LOADS = {"system.loads.0.P": 967, "system.loads.0.Q": 100, "system.loads.1.P": 1767, "system.loads.1.Q": 100}
+LOADS: dict[str, float] = {
+    "system.loads.0.P": 967,
+    "system.loads.0.Q": 100,
+    "system.loads.1.P": 1767,
+    "system.loads.1.Q": 100,
+}
 UNITS = {"system.machines.0.P": 700, "system.machines.2.P": 719, "system.machines.3.P": 700}
 WRONG: dict[str, dict[str, float]] = {  # data of the model, each group times one random factor
     "H west": {"system.machines.0.H": 6.5, "system.machines.1.H": 6.5},

@@ -18,7 +18,8 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import FactsDampingError
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin
-from facts_damping_studies.score.card import case_of, read_set
+from facts_damping_studies.score import measure as scoring
+from facts_damping_studies.score.cases.sets import case_of, read_set
 from facts_damping_studies.score.isolation import isolated as isolation
 from facts_damping_studies.score.isolation.isolated import isolated
 from facts_damping_studies.score.isolation.processes import Template
@@ -38,7 +39,6 @@ from facts_damping_studies.score.isolation.system_calls import (
     Step,
     steps_of,
 )
-from facts_damping_studies.score.measure import measure
 from tests.lead_lag_fmu import build
 
 if TYPE_CHECKING:
@@ -117,11 +117,11 @@ def test_fmu_is_the_same(tmp_path: Path, version: int) -> None:
 def test_measure_of_a_case_is_the_same() -> None:
     """With its twin, in a case of a set."""
     case = case_of(read_set(str(ROOT / "tests" / "data" / "case_set.yaml")), [LEAD_LAG], 0)
-    with isolated(case, 1) as (case_isolated, children):
-        measured = measure(case_isolated, 8.0)
-    assert measured == measure(case, 8.0)
+    measured, seen = scoring.measure(case, 8.0, case.run.seed)
+    assert measured._replace(computing=0.0) == scoring.as_on_card(scoring._measured(case, 8.0))
     assert measured.effort > 0.0
-    assert len(children) == 2
+    assert 0.0 < measured.computing < 1.0
+    assert seen == scoring.Seen(frozenset([str(ROOT / "examples" / "lead_lag.py")]), plant=False)
 
 
 def test_libraries_of_a_file_are_loaded_before_and_nothing_else(tmp_path: Path) -> None:

@@ -202,7 +202,7 @@ def test_control_weight_trades_effort_for_the_index() -> None:
 def test_reference_works_with_other_grids_and_devices(run: str, most: float) -> None:
     """A DC line of a large grid, the input of an inverter's plant, an HVDC link; index relative to no control."""
     case = load_case(run, ["duration=12"])
-    none = measure(replace(case, controllers=[], supervision=None), 8.0).measure
+    none = measure(replace(case, controllers=[], supervision=None), 8.0, 0)[0].measure
     figures = reference(case, 8.0, delayed=True)
     assert figures.measure is not None
     assert none is not None

@@ -36,7 +36,8 @@ def _is_local(system: System, controller: Controller) -> bool:
     """Whether all PMUs of its signals are at its devices, or one branch away."""
     units = {unit.name: unit.bus for unit in system.units}
     at = {bus for name in controller.devices for bus in _buses(system.device(name), units)}
-    ends = [{branch.from_bus, branch.to_bus} for branch in (*system.lines, *system.transformers)]
+    branches: list[Any] = [*system.lines, *system.transformers]
+    ends = [{branch.from_bus, branch.to_bus} for branch in branches]
     near = at.union(*(pair for pair in ends if pair & at))
     pmus = {pmu.name: pmu.bus or units[pmu.machine or ""] for pmu in system.pmus}
     return {pmus[name] for signal in controller.signals for name in system.signals[signal].weights} <= near

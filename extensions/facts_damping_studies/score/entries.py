@@ -16,8 +16,7 @@ from facts_damping.simulation.loop import build_loop
 from facts_damping_studies.score.cases.sets import case_of
 from facts_damping_studies.score.division import division_of
 from facts_damping_studies.score.files import files_of
-from facts_damping_studies.score.isolation.confinement import confinement
-from facts_damping_studies.score.isolation.isolated import isolated
+from facts_damping_studies.score.isolation.isolated import confinement, isolated
 from facts_damping_studies.score.measure import Measured, Seen, as_on_card, measure
 from facts_damping_studies.score.reference import reference
 from facts_damping_studies.sweeps.pool import workers
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping_studies.score.cases.sets import Controllers, Set
-
-    Result = tuple[Measured, Measured, list[str]]  # with a supervisor, without it, files that programs read
 
 NONE = "no control"
 FULL, FULL_LATE = "full state", "full state, delayed"  # upper references
@@ -142,7 +139,7 @@ def document(entry: Entry, case_set: Set) -> dict[str, Any]:
             {"kind": kind, "event": event, **measured._asdict()}
             for (kind, event), measured in zip(kinds, entry.cases, strict=True)
         ],
-        "unsupervised": {
+        "cases_unsupervised": {
             str(i): alone._asdict()
             for i, (alone, measured) in enumerate(zip(entry.unsupervised, entry.cases, strict=True))
             if alone != measured
@@ -154,7 +151,7 @@ def entry_of(content: Mapping[str, Any], source: str) -> Entry:
     """An entry from its JSON. Raises `InputError`."""
     try:
         cases = [Measured(**{name: row[name] for name in Measured._fields}) for row in content["cases"]]
-        alone = {int(i): Measured(**row) for i, row in content["unsupervised"].items()}
+        alone = {int(i): Measured(**row) for i, row in content["cases_unsupervised"].items()}
         return Entry(
             str(content["controller"]),
             list(content["rows"]),

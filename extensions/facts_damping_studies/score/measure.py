@@ -37,9 +37,7 @@ CLEARED_S = 0.1  # after the last event, from which voltages and frequencies cou
 class Measured(NamedTuple):
     """Figures of a controller in a case."""
 
-    measure: (
-        float | None
-    )  # the index: ITAE of the response, p.u. s^2, or rms, p.u.; None: synchronism is lost, or a breach
+    measure: float | None  # ITAE of the response, p.u. s^2, or rms, p.u.; None: synchronism is lost, or a breach
     peak: float | None = None  # p.u., largest speed difference of the response after the event
     lost_s: float | None = None  # s, when synchronism is lost
     effort: float = 0.0  # mean of the setpoints relative to their limits

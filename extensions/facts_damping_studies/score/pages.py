@@ -137,7 +137,7 @@ def ranking_table(cards: Sequence[ScoreCard], *, markdown: bool = False) -> list
     }
     if not has_delays(cards[0]):
         del columns["helps to a delay of"]
-    if cards[0].hunted is None:
+    if all(card.hunted is None for card in cards):
         del columns[WORST]
     none = {"controller": NONE, "score": "0", "lost": cards[0].lost_without_control}
     at = next((i for i, card in enumerate(cards) if card.score.value < 0.0 or card.disqualified), len(cards))

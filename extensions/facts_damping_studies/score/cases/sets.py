@@ -49,7 +49,8 @@ class Set(NamedTuple):
 def read_set(name: str) -> Set:
     """A set of cases by name or path. Raises `InputError`."""
     path = find("case_sets", name)
-    case_set = set_of(path.stem.rpartition("_")[0] or path.stem, read_table(path), str(path))
+    content = read_table(path)
+    case_set = set_of(path.stem.removesuffix(f"_{content.get('version')}"), content, str(path))
     return case_set._replace(shipped=path in shipped("case_sets").values())
 
 
