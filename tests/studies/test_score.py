@@ -12,7 +12,7 @@ import pytest
 import facts_damping as fd
 from facts_damping.cli.main import main
 from facts_damping_studies.score import entries
-from facts_damping_studies.score.card import _qualified, log_ratio, ranking
+from facts_damping_studies.score.card import _qualified, cards_of, entries_of, log_ratio, ranking
 from facts_damping_studies.score.cases.sets import case_of, read_set
 from facts_damping_studies.score.entries import Entry
 from facts_damping_studies.score.measure import Measured, measure
@@ -97,7 +97,7 @@ def test_card_is_the_same_on_any_number_of_cores_and_from_the_command(
     assert hunted == {"cases": cases_hunted, **again._asdict()}
     assert hunted["ratio"] > 0.0
     said = capsys.readouterr().out
-    assert "ITAE in the worst hunted case" in said
+    assert "ITAE in the worst of 4 hunted cases: " in said
     tripped = sum(kind["tripped"] for kind in document["kinds"].values())
     assert f"taken off by a supervisor in {tripped} of {len(document['cases'])} cases" in said
     assert tripped == sum(case["tripped"] for case in document["cases"])
@@ -158,6 +158,18 @@ def test_lost_synchronism_counts_as_ten_times_and_as_nothing_where_both_lose_it(
     assert log_ratio(None, 1.0) == log_ratio(1e3, 1.0) == LOST
     assert log_ratio(1.0, None) == log_ratio(1e-3, 1.0) == -LOST
     assert log_ratio(None, None) == 0.0
+
+
+def test_laws_that_do_not_look_at_the_swing_gain_little(cases: str) -> None:
+    """An open-loop signal, saturation, action in calm only, and at the times at which events once were."""
+    names = ("Steady", "Sine", "Bang", "Calm", "Briefly", "Turns")
+    laws = {name: [{"name": name, "policy": f"{ROOT}/tests/studies/bad_laws/signals.py:{name}"}] for name in names}
+    case_set = read_set(cases)
+    cards = cards_of(case_set, entries_of(case_set, laws, names, 1, lambda *_: None))
+    scores = {card.controller: card.score.value for card in cards}
+    assert scores["Steady"] > 60.0
+    assert max(scores[name] for name in ("Sine", "Bang", "Calm", "Briefly")) < 0.35 * scores["Steady"]
+    assert abs(scores["Turns"]) == pytest.approx(scores["Steady"]) or scores["Turns"] < 0.0  # one sign in all cases
 
 
 @pytest.mark.parametrize(

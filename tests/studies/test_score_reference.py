@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 SET = read_set("two_area_2.0")
 AFTER = SET.content.after
-TRIP, CLEARED, WRONG_MODEL, SLOW, LOST_DEVICE, WRONG_SIGN, NOISE = 0, 7, 24, 48, 80, 84, 68  # cases of the set
+TRIP, CLEARED, WRONG_MODEL, LIMITED, SLOW, LOST_DEVICE, WRONG_SIGN, NOISE = 0, 7, 24, 40, 54, 76, 80, 86  # of the set
 STEP = 5  # of a load
 
 
@@ -124,6 +124,14 @@ def test_reference_has_no_more_of_the_index_than_lqg_in_nominal_cases(i: int) ->
     assert of_reference(i, delayed=False) < lqg
     assert of_reference(i, delayed=True) < lqg
     assert of_reference(i, delayed=False) < 0.42 * index(i, None)
+
+
+def test_governor_whose_rate_is_limited_at_first_does_not_mislead_the_reference() -> None:
+    """The step of a mechanical power is so large; the state without swings is where the run ends."""
+    case = without_control(LIMITED)
+    before, after = swing_models(case)
+    assert np.abs(after.at - before.at).max() < 5.0  # p.u. or rad: not carried away at the limit of the rate
+    assert of_reference(LIMITED, delayed=True) < 0.4 * index(LIMITED, None)
 
 
 def test_reference_knows_the_plant_that_a_controller_was_not_designed_on() -> None:

@@ -127,7 +127,6 @@ def ranking_table(cards: Sequence[ScoreCard], *, markdown: bool = False) -> list
         "group": [card.group or "" for card in cards],
         "score": [_score_of(card) for card in cards],
         "without supervisor": [f"{card.unsupervised.value:.1f}" for card in cards],
-        "index relative to no control": [change_text(card.change) for card in cards],
         "division": [card.entry.division for card in cards],
         "lost": [card.lost for card in cards],
         "tripped": [card.tripped for card in cards],
