@@ -168,7 +168,7 @@ def test_laws_that_do_not_look_at_the_swing_gain_little(cases: str) -> None:
     cards = cards_of(case_set, entries_of(case_set, laws, names, 1, lambda *_: None))
     scores = {card.controller: card.score.value for card in cards}
     assert scores["Steady"] > 60.0
-    assert max(scores[name] for name in ("Sine", "Bang", "Calm", "Briefly")) < 0.35 * scores["Steady"]
+    assert max(scores[name] for name in ("Sine", "Bang", "Calm", "Briefly")) < 0.5 * scores["Steady"]
     assert abs(scores["Turns"]) == pytest.approx(scores["Steady"]) or scores["Turns"] < 0.0  # one sign in all cases
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 SET = read_set("two_area_2.0")
 AFTER = SET.content.after
-TRIP, CLEARED, WRONG_MODEL, LIMITED, SLOW, LOST_DEVICE, WRONG_SIGN, NOISE = 0, 7, 24, 40, 54, 76, 80, 86  # of the set
+TRIP, CLEARED, WRONG_MODEL, LIMITED, SLOW, LOST_DEVICE, WRONG_SIGN, NOISE = 0, 7, 24, 3, 48, 80, 84, 68  # of the set
 STEP = 5  # of a load
 
 
