@@ -60,22 +60,13 @@ def set_of(name: str, content: dict[str, Any], source: str) -> Set:
     for field, kinds in (("kinds", checked.kinds), ("beside", checked.beside)):
         for kind in kinds:
             check_known(f"{source}: {field}", kind, list(KINDS if field == "kinds" else checked.kinds))
-    grid = grid_of(checked)
-    check_known_lines(checked, grid, source)
-    return _with_cases(f"{name} {checked.version}", checked, grid)
-
-
-def check_known_lines(content: CaseSet, grid: Grid, source: str) -> None:
-    """Raise `InputError` if a line of a set is none of its grid."""
-    lines = [line.name for line in grid.system.lines]
-    for line in content.lines:
-        check_known(f"{source}: lines", line, lines)
+    return _with_cases(f"{name} {checked.version}", checked, grid_of(checked, source))
 
 
 def drawn_again(case_set: Set, text: str, name: str, jobs: int, progress: Callable[[int, int], None]) -> Set:
     """A set of the same kinds drawn from another text; `name` is what it is called. Raises `InputError`."""
     content = case_set.content.model_copy(update={"seed": text, "redrawn": {}})
-    grid = grid_of(content)
+    grid = grid_of(content, name)
     tasks = list(_draws(content))
     tries = run_all(partial(_tries, content, grid), tasks, jobs, progress)
     redrawn = {f"{key} {i}": number for (_, key, i), number in zip(tasks, tries, strict=True) if number}
@@ -92,20 +83,18 @@ def held_out(case_set: Set, text: str, jobs: int, progress: Callable[[int, int],
     return drawn_again(case_set, text, f"{case_set.name} held out", jobs, progress)
 
 
-def grid_of(content: CaseSet) -> Grid:
-    """What the cases of a set are drawn for."""
+def grid_of(content: CaseSet, source: str) -> Grid:
+    """What the cases of a set are drawn for. Raises `InputError` for what the grid does not have."""
     run = run_of(content, ())
     rows = run["system"] if isinstance(run["system"], dict) else read_table(find("systems", str(run["system"])))
     system = changed_case(run, "set", {"supervision": None, "arm_at": None}).system
-    signals = [system.signals[signal] for signal in _signals(content, system.signals)]
+    known = {"lines": [line.name for line in system.lines], "signals": list(system.signals)}
+    for field, names in known.items():
+        for name in getattr(content, field):
+            check_known(f"{source}: {field}", name, names)
+    signals = [system.signals[signal] for signal in content.signals]
     pmus = list(dict.fromkeys(pmu for signal in signals for pmu in signal.weights))
     return Grid(run, rows, system, content.lines, pmus, signals[0].channel)
-
-
-def _signals(content: CaseSet, signals: dict[str, Any]) -> list[str]:
-    for signal in content.signals:
-        check_known("signals", signal, list(signals))
-    return content.signals
 
 
 def _draws(content: CaseSet) -> list[tuple[str, str, int]]:
