@@ -81,7 +81,7 @@ def test_text_of_held_out_cases_is_not_that_of_others() -> None:
     [
         ({"kinds": {"nominal": 1, "calm": 2}}, "kinds: 'calm' given; allowed: nominal, "),
         ({"beside": ["noise"], "kinds": {"nominal": 1}}, "beside: 'noise' given; allowed: nominal"),
-        ({"lines": ["line_9"]}, "lines: 'line_9' given; allowed: "),
+        ({"lines": ["line_9"]}, "lines: 'line_9' given (did you mean line_4?); allowed: "),
         ({"signals": ["none"]}, "signals: 'none' given; allowed: w12, "),
         ({"heldout": "abc"}, "heldout"),
         ({"seed": ""}, "seed"),

@@ -192,26 +192,19 @@ def test_kind_at_its_cap_tells_nobody_apart() -> None:
     ratios = np.full((4, 12), LOST)
     ratios[0, 6:] = 0.0
     ratios[1:, 6:] = 0.005
-    assert discriminates(ratios, range(12), 0) == (
+    assert discriminates(ratios, range(12)) == (
         False,
         "at the cap or at zero in 100 % of the cases of 4 controllers",
     )
 
 
-def test_kind_whose_controllers_differ_by_luck_alone_tells_nobody_apart() -> None:
-    values = np.array([0.3, -0.3] * 6)
-    kind, reason = discriminates(np.stack([values, -values]) - 0.6, range(12), 0)
-    assert not kind
-    assert reason == "no two of 2 controllers differ in 95 % of resamples"
-
-
 def test_kind_in_which_nobody_helps_tells_who_does_nothing() -> None:
     """As a wrong sign behind the supervisor, where a small gain does the least harm."""
     ratios = np.array([[0.1], [2.0]]) + np.linspace(-0.1, 0.1, 12)
-    assert discriminates(ratios, range(12), 0) == (False, "none of 2 controllers surely reduces the index by 10 %")
+    assert discriminates(ratios, range(12)) == (False, "none of 2 controllers reduces the index by 10 %")
 
 
 def test_kind_with_a_better_controller_tells_it_apart() -> None:
     random = np.random.default_rng(0)
     ratios = np.log([[0.5], [0.8]]) + 0.1 * random.normal(size=(2, 12))
-    assert discriminates(ratios, range(12), 0) == (True, "")
+    assert discriminates(ratios, range(12)) == (True, "")
