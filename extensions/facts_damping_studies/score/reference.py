@@ -27,10 +27,10 @@ without delay, then with the delay of the case:
 With the state before the events for x_s, and the law of that grid, the delayed one has 46 % less instead of 96 % after
 a fault and a trip of the tie.
 
-A state without swings is where linearly implicit Euler steps of 0.05 to 3.2 s lead, which follow what is slower than
-they and damp what is faster (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 1996, IV.9); the first
-ones are short, as rates of governors may be at a limit at first. So it needs no equilibrium: after the loss of a load
-without governors there is none. Source of K: G. F. Franklin, J. D. Powell,
+A state without swings is where linearly implicit Euler steps of 1 s lead, which follow what is slower than they and
+damp what is faster (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 1996, IV.9). Loads, mechanical
+powers and the network change in grades meanwhile, as at once they would bring regulators and governors to limits, where
+a linearisation is blind. So it needs no equilibrium: after the loss of a load without governors there is none. Source of K: G. F. Franklin, J. D. Powell,
 M. Workman, Digital Control of Dynamic Systems, 3rd ed. 1998, 9. Modes are of LAPACK or ARPACK, so between processors
 figures differ by round-off.
 """
@@ -46,6 +46,7 @@ from facts_damping.analysis.measures import measure_weights
 from facts_damping.analysis.response import MIRROR, WITHOUT_EVENTS, Twin, noisy
 from facts_damping.caching import shared
 from facts_damping.compiling.structs import Table
+from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
 from facts_damping.numerics.matrices import riccati, solve
 from facts_damping.parameters.plant.pmus import Signal
@@ -79,9 +80,10 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 CONTROL_WEIGHT = 1e-7  # p.u.^2, of a setpoint at its limit
-SLOWEST, FASTEST = 0.1, 30.0  # 1/s, magnitude of the eigenvalues of modes that are controlled
+SLOWEST, FASTEST = 0.5, 30.0  # 1/s, magnitude of the eigenvalues of modes that are controlled
 LEAST = 0.01  # effect of a mode that is controlled, relative to the largest
-STEPS_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # of implicit Euler
+STEP_S, GRADES, SETTLING = 1.0, 8, 4  # of implicit Euler; steps while the grid changes, and after it
+GRADUAL = ("mechanical_power", "load_scale", "network")
 BY_INTERVAL = ("interval_start_ns", "mechanical_power", "online", "island", "load_scale", "network")
 
 _swings: dict[str, list[SwingModel]] = {}  # by system, devices and events
@@ -144,14 +146,13 @@ def swing_models(case: Case) -> list[SwingModel]:
 
 
 def _all_swings(case: Case) -> list[SwingModel]:
-    built = whole = build_plant(case)
+    built = whole = build_plant(case)  # `built`: in the last interval without a fault
     models: list[SwingModel] = []
     for i, interval in enumerate(topology_intervals(case.system, case.scenario.events)):
         topology = interval.topology
         if all(place.line in topology.lines_out for place in topology.faults):
-            built = _in_interval(whole, i, built)
-            if i > 0:
-                built = _without_swings(built)
+            after = _in_interval(whole, i, built)
+            built = after if i == 0 else _without_swings(built, after)
             models.append(_swings_of(case, built, interval.start_ns))
     return models
 
@@ -164,19 +165,22 @@ def _in_interval(whole: Built, i: int, before: Built) -> Built:
     return whole._replace(plant=plant._replace(**parts, sparse_networks=networks), state=before.state)
 
 
-def _without_swings(built: Built) -> Built:
-    """The plant in its state without swings."""
-    for step in STEPS_S:
-        plant, state = built.plant, built.state
-        slope, source = np.zeros_like(state.x), state.source.copy()
+def _without_swings(before: Built, after: Built) -> Built:
+    """The plant after a change, in its state without swings; the change comes in as many grades as `GRADES`."""
+    state = before.state
+    for k in range(1, GRADES + SETTLING + 1):
+        grade = min(1.0, k / GRADES)
+        parts = {n: (1.0 - grade) * getattr(before.plant, n) + grade * getattr(after.plant, n) for n in GRADUAL}
+        graded = after._replace(plant=after.plant._replace(**parts), state=state)
+        plant, slope, source = graded.plant, np.zeros_like(state.x), state.source.copy()
         derivatives(plant, state.x, state.reference, source, 0, slope, workspace(plant, state))
-        A = state_matrix(built)[0]
+        A = state_matrix(graded)[0]
         if isinstance(A, Descriptor):
-            move = descriptor.solved(A, 1.0 / step, slope).real
+            move = descriptor.solved(A, 1.0 / STEP_S, slope).real
         else:
-            move = np.linalg.solve(np.eye(len(A)) / step - A, slope)
-        built = built._replace(state=state._replace(x=state.x + move, source=source))
-    return built
+            move = np.linalg.solve(np.eye(len(A)) / STEP_S - A, slope)
+        state = state._replace(x=state.x + move, source=source)
+    return after._replace(state=state)
 
 
 def _swings_of(case: Case, built: Built, start_ns: int) -> SwingModel:
@@ -230,7 +234,13 @@ def law(swings: SwingModel, case: Case, delay: float, control_weight: float) -> 
         B[n : n + many] = np.eye(many)
         A[n + many :, n:-many] = np.eye((past - 1) * many)
     Z = np.hstack([swings.Z, np.zeros((len(swings.Z), past * many))])
-    X = riccati(A, B, Z.T @ Z / control_weight, np.eye(many))
+    try:
+        X = riccati(A, B, Z.T @ Z / control_weight, np.eye(many))
+    except np.linalg.LinAlgError as error:
+        names = ", ".join(case.run.devices)
+        raise InputError(
+            f"devices: {names} given, which cannot stabilise {case.system.name}; allowed: others"
+        ) from error
     K = solve(np.eye(many) + B.T @ X @ B, B.T @ X @ A)
     scales = np.concatenate([np.ones(n), np.tile(limits, past)])
     return Law(swings.start_ns, swings.at, swings.W, limits[:, None] * K / scales)
