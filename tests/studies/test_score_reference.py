@@ -174,6 +174,24 @@ def test_reference_does_not_know_the_event_before_it_happens(delay: float) -> No
     assert case.scenario.events[0].time + delay <= first <= case.scenario.events[0].time + delay + 0.06
 
 
+def test_simulation_over_the_delay_predicts_a_small_swing_as_the_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And a large one otherwise: after a fault and a trip of the tie."""
+
+    def setpoints(case: Case, large: float) -> np.ndarray[Any, Any]:
+        monkeypatch.setattr(upper, "LARGE", large)
+        run = upper.run(case, [law(model, case, 0.21, 1e-6) for model in swing_models(case)], 0.21)
+        values: np.ndarray[Any, Any] = run.devices["setpoint"][:, 0]
+        return values
+
+    small = plain("two_area", devices=["sssc"])
+    small = replace(small, scenario=Scenario.model_validate({"name": "pulse", "events": DISTURBANCE}))
+    for case, alike in ((small, True), (without_control(TRIP), False)):
+        linear, simulated = setpoints(case, np.inf), setpoints(case, 0.0)
+        differ = np.abs(linear - simulated).max() / np.abs(linear).max()
+        assert (differ < 0.02) == alike
+        assert differ > 0.0
+
+
 @pytest.mark.parametrize("i", [LOST_DEVICE, WRONG_SIGN])
 def test_fault_of_a_link_does_not_reach_the_reference(i: int) -> None:
     faulted = without_control(i)

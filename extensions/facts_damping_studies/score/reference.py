@@ -9,12 +9,13 @@ plant linearised there. K is optimal for these modes from frame to frame, with h
 
     sum_k (sum_i dw_i(k)^2 + control_weight sum_p (u_p(k) / u_max,p)^2)                                 p.u.^2
 
-with dw the speed differences of which the index is. With a delay the setpoints that have not acted yet are states, so K
-contains the predictor of the state. It has neither PMUs nor links, and so none of their faults: noise, losses, bad
-PMUs, a device that is lost and a wrong sign do not reach it. It is held to the limits, the rates, the dead times and
-the lags of the devices. Like each controller it does not know what will happen; it knows what has happened at once, or
-with its delay. No controller has that much, so none is expected to have less of the index, though none is proved not
-to: K is optimal for small swings, for a sum of squares, and the index is ITAE.
+with dw the speed differences of which the index is. With a delay the setpoints that have not acted yet are states, so
+K contains the predictor of the state; where it would set more than half of a limit, swings are large, and the plant
+itself is simulated over the delay in place of its linear model. It has neither PMUs nor links, and so none of their
+faults: noise, losses, bad PMUs, a device that is lost and a wrong sign do not reach it. It is held to the limits, the
+rates, the dead times and the lags of the devices. Like each controller it does not know what will happen; it knows
+what has happened at once, or with its delay. No controller has that much, so none is expected to have less of the
+index, though none is proved not to: K is optimal for small swings, for a sum of squares, and the index is ITAE.
 
 CONTROL_WEIGHT is one for all sets, from a scan in the nominal cases of the sets 1.0. Change of the index in percent,
 without delay, then with the delay of the case:
@@ -27,18 +28,18 @@ without delay, then with the delay of the case:
 With the state before the events for x_s, and the law of that grid, the delayed one has 46 % less instead of 96 % after
 a fault and a trip of the tie.
 
-A state without swings is where linearly implicit Euler steps of 0.05 to 3.2 s lead, which follow what is slower than
-they and damp what is faster (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 1996, IV.9); the first
-ones are short, as rates of governors may be at a limit at first. So it needs no equilibrium: after the loss of a load
-without governors there is none. Source of K: G. F. Franklin, J. D. Powell,
-M. Workman, Digital Control of Dynamic Systems, 3rd ed. 1998, 9. Modes are of LAPACK or ARPACK, so between processors
-figures differ by round-off.
+A state without swings is where linearly implicit Euler steps of 1 s lead, which follow what is slower than they and
+damp what is faster (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 1996, IV.9). Loads, mechanical
+powers and the network change in grades meanwhile, as at once they would bring regulators and governors to limits,
+where a linearisation is blind. So it needs no equilibrium: after the loss of a load without governors there is none.
+Source of K: G. F. Franklin, J. D. Powell, M. Workman, Digital Control of Dynamic Systems, 3rd ed. 1998, 9. Modes are
+of LAPACK or ARPACK, so between processors figures differ by round-off.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -46,12 +47,14 @@ from facts_damping.analysis.measures import measure_weights
 from facts_damping.analysis.response import MIRROR, WITHOUT_EVENTS, Twin, noisy
 from facts_damping.caching import shared
 from facts_damping.compiling.structs import Table
+from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
 from facts_damping.numerics.matrices import riccati, solve
 from facts_damping.parameters.plant.pmus import Signal
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.events import topology_intervals
-from facts_damping.plant.model import workspace
+from facts_damping.plant.integration import advance
+from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import NANOSECONDS, SETPOINT, to_ns
 from facts_damping.simulation.assembly import build_plant
 from facts_damping.simulation.loop import build_loop, record
@@ -73,15 +76,18 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.plant.build import Built
+    from facts_damping.plant.model import Plant, PlantState
     from facts_damping.record import Record
     from facts_damping.simulation.tick import Loop
 
     Array = NDArray[np.float64]
 
 CONTROL_WEIGHT = 1e-7  # p.u.^2, of a setpoint at its limit
-SLOWEST, FASTEST = 0.1, 30.0  # 1/s, magnitude of the eigenvalues of modes that are controlled
+SLOWEST, FASTEST = 0.5, 30.0  # 1/s, magnitude of the eigenvalues of modes that are controlled
+LARGE = 0.5  # of a limit: setpoints of large swings, over whose delay the nonlinear plant predicts
 LEAST = 0.01  # effect of a mode that is controlled, relative to the largest
-STEPS_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # of implicit Euler
+STEP_S, GRADES, SETTLING = 1.0, 8, 4  # of implicit Euler; steps while the grid changes, and after it
+GRADUAL = ("mechanical_power", "load_scale", "network")
 BY_INTERVAL = ("interval_start_ns", "mechanical_power", "online", "island", "load_scale", "network")
 
 _swings: dict[str, list[SwingModel]] = {}  # by system, devices and events
@@ -91,6 +97,7 @@ class SwingModel(NamedTuple):
     """dz = A z + B u, dw = Z z: the swings of a grid about its state without swings, z = W (x - x_s)."""
 
     start_ns: int  # from when the grid is as it is
+    plant: Plant  # this grid, without noise and events
     at: Array  # x_s, (states,)
     W: Array  # (swings, states)
     A: Array  # (swings, swings), 1/s
@@ -101,10 +108,9 @@ class SwingModel(NamedTuple):
 class Law(NamedTuple):
     """State feedback from a time on."""
 
-    start_ns: int
-    at: Array
-    W: Array
+    swings: SwingModel
     K: Array  # (devices, swings + past setpoints), those of the frame before first
+    K_ahead: Array  # likewise, for the state after the delay
 
 
 def reference(case: Case, after: float, *, delayed: bool, control_weight: float = CONTROL_WEIGHT) -> Measured:
@@ -144,14 +150,13 @@ def swing_models(case: Case) -> list[SwingModel]:
 
 
 def _all_swings(case: Case) -> list[SwingModel]:
-    built = whole = build_plant(case)
+    built = whole = build_plant(case)  # `built`: in the last interval without a fault
     models: list[SwingModel] = []
     for i, interval in enumerate(topology_intervals(case.system, case.scenario.events)):
         topology = interval.topology
         if all(place.line in topology.lines_out for place in topology.faults):
-            built = _in_interval(whole, i, built)
-            if i > 0:
-                built = _without_swings(built)
+            after = _in_interval(whole, i, built)
+            built = after if i == 0 else _without_swings(built, after)
             models.append(_swings_of(case, built, interval.start_ns))
     return models
 
@@ -164,19 +169,22 @@ def _in_interval(whole: Built, i: int, before: Built) -> Built:
     return whole._replace(plant=plant._replace(**parts, sparse_networks=networks), state=before.state)
 
 
-def _without_swings(built: Built) -> Built:
-    """The plant in its state without swings."""
-    for step in STEPS_S:
-        plant, state = built.plant, built.state
-        slope, source = np.zeros_like(state.x), state.source.copy()
+def _without_swings(before: Built, after: Built) -> Built:
+    """The plant after a change, in its state without swings; the change comes in as many grades as `GRADES`."""
+    state = before.state
+    for k in range(1, GRADES + SETTLING + 1):
+        grade = min(1.0, k / GRADES)
+        parts = {n: (1.0 - grade) * getattr(before.plant, n) + grade * getattr(after.plant, n) for n in GRADUAL}
+        graded = after._replace(plant=after.plant._replace(**parts), state=state)
+        plant, slope, source = graded.plant, np.zeros_like(state.x), state.source.copy()
         derivatives(plant, state.x, state.reference, source, 0, slope, workspace(plant, state))
-        A = state_matrix(built)[0]
+        A = state_matrix(graded)[0]
         if isinstance(A, Descriptor):
-            move = descriptor.solved(A, 1.0 / step, slope).real
+            move = descriptor.solved(A, 1.0 / STEP_S, slope).real
         else:
-            move = np.linalg.solve(np.eye(len(A)) / step - A, slope)
-        built = built._replace(state=state._replace(x=state.x + move, source=source))
-    return built
+            move = np.linalg.solve(np.eye(len(A)) / STEP_S - A, slope)
+        state = state._replace(x=state.x + move, source=source)
+    return after._replace(state=state)
 
 
 def _swings_of(case: Case, built: Built, start_ns: int) -> SwingModel:
@@ -197,7 +205,8 @@ def _swings_of(case: Case, built: Built, start_ns: int) -> SwingModel:
     modal = np.diag(np.concatenate([values.real, values.real[turning]]))
     partner = len(values) + np.arange(len(pairs))
     modal[pairs, partner], modal[partner, pairs] = values.imag[turning], -values.imag[turning]
-    return SwingModel(start_ns, built.state.x, W, modal, W @ B, Z @ V)
+    plant = built.plant._replace(load_noise=built.plant.load_noise[:0], oscillations=built.plant.oscillations[:0])
+    return SwingModel(start_ns, plant, built.state.x, W, modal, W @ B, Z @ V)
 
 
 def _differences(case: Case, built: Built) -> Array:
@@ -218,7 +227,13 @@ def _differences(case: Case, built: Built) -> Array:
 
 
 def law(swings: SwingModel, case: Case, delay: float, control_weight: float) -> Law:
-    """The optimal feedback of a grid: K of u(k) = -K [z(k), u(k-1), ..., u(k-m)], from Riccati's equation for these."""
+    """The optimal feedback of a grid whose setpoints act after a delay (s)."""
+    late = _gain(swings, case, delay, control_weight)
+    return Law(swings, late, late if delay == 0.0 else _gain(swings, case, 0.0, control_weight))
+
+
+def _gain(swings: SwingModel, case: Case, delay: float, control_weight: float) -> Array:
+    """K of u(k) = -K [z(k), u(k-1), ..., u(k-m)], by Riccati's equation of swings and past setpoints."""
     devices, rate = [case.system.device(name) for name in case.run.devices], case.run.frame_rate
     limits = np.array([device.setpoint_max for device in devices])
     Phi, steps = onward(swings, rate, [delay + device.dead_time for device in devices])
@@ -230,10 +245,14 @@ def law(swings: SwingModel, case: Case, delay: float, control_weight: float) -> 
         B[n : n + many] = np.eye(many)
         A[n + many :, n:-many] = np.eye((past - 1) * many)
     Z = np.hstack([swings.Z, np.zeros((len(swings.Z), past * many))])
-    X = riccati(A, B, Z.T @ Z / control_weight, np.eye(many))
+    try:
+        X = riccati(A, B, Z.T @ Z / control_weight, np.eye(many))
+    except np.linalg.LinAlgError as error:
+        text = f"devices: {', '.join(case.run.devices)} given, which cannot stabilise {case.system.name}"
+        raise InputError(f"{text}; allowed: others") from error
     K = solve(np.eye(many) + B.T @ X @ B, B.T @ X @ A)
-    scales = np.concatenate([np.ones(n), np.tile(limits, past)])
-    return Law(swings.start_ns, swings.at, swings.W, limits[:, None] * K / scales)
+    scaled: Array = limits[:, None] * K / np.concatenate([np.ones(n), np.tile(limits, past)])
+    return scaled
 
 
 def onward(swings: SwingModel, frame_rate: int, delays: Sequence[float]) -> tuple[Array, list[Array]]:
@@ -261,7 +280,6 @@ def _run_ticks(loop: Loop, case: Case, laws: Sequence[Law], delay_ns: int) -> No
     """All ticks, or until the plant is no longer sound: measure, set, advance."""
     measured, trace, rate = loop.measured, loop.signals, case.run.frame_rate
     limits = np.array([case.system.device(name).setpoint_max for name in case.run.devices])
-    many = len(limits)
     sent, waiting = np.zeros(max(law.K.shape[1] for law in laws)), np.zeros(0, SETPOINT)
     for tick in range(case.ticks):
         start, end = tick_ns(tick, rate), tick_ns(tick + 1, rate)
@@ -270,15 +288,32 @@ def _run_ticks(loop: Loop, case: Case, laws: Sequence[Law], delay_ns: int) -> No
         trace.time_ns[tick], trace.in_synchronism[tick], trace.used[AT.ticks] = start, sound, tick + 1
         if not sound:
             return
-        now = [law for law in laws if law.start_ns <= start][-1]
-        z = now.W @ (measured.plant_state.x - now.at)
-        u = np.clip(-now.K @ np.concatenate([z, sent[: now.K.shape[1] - len(z)]]), -limits, limits)
-        sent = np.concatenate([u, sent[:-many]])
-        rows = np.zeros(many, SETPOINT)
-        rows["tick"], rows["device"], rows["value"] = tick, np.arange(many), u
+        now = [law for law in laws if law.swings.start_ns <= start][-1]
+        u = _feedback(now.swings, now.K, measured.plant_state.x, sent)
+        if delay_ns and (np.abs(u) > LARGE * limits).any():
+            ahead = _ahead(now.swings.plant, measured.plant_state, (start, start + delay_ns), waiting)
+            u = _feedback(now.swings, now.K_ahead, ahead, sent)
+        u = np.clip(u, -limits, limits)
+        sent = np.concatenate([u, sent[: -len(u)]])
+        rows = np.zeros(len(u), SETPOINT)
+        rows["tick"], rows["device"], rows["value"] = tick, np.arange(len(u)), u
         rows["measured_ns"] = rows["issued_ns"] = start
         rows["effective_ns"] = start + delay_ns
         waiting = np.concatenate([waiting, rows])
         due = int(np.searchsorted(waiting["effective_ns"], end))
         advance_with_pmus(measured, tick, waiting[:due], due)
         waiting = waiting[due:]
+
+
+def _feedback(swings: SwingModel, K: Array, x: Array, sent: Array) -> Array:
+    """Setpoints before limits; `sent`: past ones, the last first."""
+    z = swings.W @ (x - swings.at)
+    u: Array = -K @ np.concatenate([z, sent[: K.shape[1] - len(z)]])
+    return u
+
+
+def _ahead(plant: Plant, state: PlantState, span_ns: tuple[int, int], waiting: NDArray[Any]) -> Array:
+    """State at the end of a span of time, in which what was sent acts, and nothing else happens."""
+    later = copy(state)
+    advance(plant, later, *span_ns, waiting, len(waiting), workspace(plant, later))
+    return later.x
