@@ -91,6 +91,8 @@ def test_resamples_of_an_event_are_the_same_in_all_kinds_that_have_it() -> None:
     drawn = changes(np.stack([ratios, ratios]), kinds, events, 0).drawn_by_kind
     assert (drawn[:, 0] == drawn[:, 1]).all()
     assert (drawn[0] == drawn[1]).all()
+    part = np.concatenate([values[:2], more])  # a mean of some of the values, times the factor for five
+    assert np.abs(drawn[0, 2] - part.mean()).max() <= np.sqrt(5 / 4) * np.abs(part - part.mean()).max() + 1e-12
     joint = changes(ratios[np.newaxis, :12], kinds[:12], events[:12], 0)
     apart = changes(ratios[np.newaxis, :12], kinds[:12], list(range(12)), 0)
     assert joint.drawn.std() == pytest.approx(np.sqrt(2.0) * apart.drawn.std(), rel=0.1)
@@ -183,7 +185,9 @@ def test_group_has_all_between_whose_order_does_not_hold() -> None:
     drawn[0], drawn[2] = -1.0, 1.0
     drawn[1, 0] = np.linspace(-2.0, 2.0, RESAMPLES)
     assert groups(Changes(("a",), drawn.mean(axis=2), drawn)) == [[0, 1, 2]]
-    drawn[1, 0] = np.linspace(0.9, 1.2, RESAMPLES)
+    drawn[0, 0], drawn[1] = np.linspace(-4.0, 2.0, RESAMPLES), -0.5  # the third is better than the first at times
+    assert groups(Changes(("a",), drawn.mean(axis=2), drawn)) == [[0, 1, 2]]
+    drawn[0], drawn[1, 0] = -1.0, np.linspace(0.9, 1.2, RESAMPLES)
     assert groups(Changes(("a",), np.array([[-1.0], [1.05], [1.0]]), drawn)) == [[0], [2, 1]]
 
 

@@ -21,9 +21,9 @@ CONTROL_WEIGHT is one for all sets, from a scan in the nominal cases of the sets
 without delay, then with the delay of the case:
 
                  1e-8          3e-8          1e-7          3e-7          1e-6          1e-5          LQG
-    two_area     -88.1 -87.8   -88.3 -87.9   -88.6 -88.2   -88.6 -88.2   -88.1 -87.7   -78.3 -77.8   -85.8
-    nets_nyps    -55.5 -56.8   -57.1 -57.1   -57.4 -57.7   -57.4 -56.6   -53.6 -52.7   -31.4 -31.0   -38.5
-    minniwecc    -42.6 -42.2   -45.3 -44.0   -42.4 -41.5   -30.8 -29.9   -15.2 -14.4    -2.0  -1.9    -9.2
+    two_area     -88.1 -87.8   -88.3 -88.0   -88.6 -88.2   -88.6 -88.3   -88.1 -87.7   -78.3 -77.8   -85.8
+    nets_nyps    -55.9 -57.2   -57.4 -57.4   -57.6 -57.5   -57.5 -56.6   -53.6 -52.7   -31.4 -31.0   -38.5
+    minniwecc    -42.6 -42.1   -45.3 -43.9   -42.4 -41.4   -30.8 -29.8   -15.2 -14.4    -2.0  -1.9    -9.2
 
 With the state before the events for x_s, and the law of that grid, the delayed one has 46 % less instead of 96 % after
 a fault and a trip of the tie.
