@@ -48,7 +48,7 @@ def log_ratio(index: float | None, reference: float | None) -> float:
     """The logarithm of an index relative to a reference in the same case; None: synchronism is lost."""
     if index is None or reference is None:
         return LOST * ((index is None) - float(reference is None))
-    return max(-LOST, min(LOST, float(np.log(index / reference))))
+    return min(LOST, float(np.log(index / reference)))
 
 
 def logs(measured: Sequence[Measured], none: Sequence[Measured]) -> NDArray[np.float64]:

@@ -44,7 +44,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.analysis.measures import measure_weights
-from facts_damping.analysis.response import MIRROR, WITHOUT_EVENTS, Twin, noisy
 from facts_damping.caching import shared
 from facts_damping.compiling.structs import Table
 from facts_damping.errors import InputError
@@ -61,7 +60,6 @@ from facts_damping.simulation.loop import build_loop, record
 from facts_damping.simulation.measured_plant import advance_with_pmus, measure_with_pmus, tick_ns
 from facts_damping.simulation.parts import lent
 from facts_damping.simulation.tick import AT
-from facts_damping.simulation.twins import grids, mirrored, without_events
 from facts_damping.small_signal import descriptor
 from facts_damping.small_signal.descriptor import Descriptor
 from facts_damping.small_signal.eigenmodes import eigenvectors
@@ -125,9 +123,10 @@ def reference(case: Case, after: float, *, delayed: bool, control_weight: float 
     """
     bare = replace(case, controllers=[], supervision=None, run=case.run.model_copy(update={"watchdog": None}))
     delay = mean_loop_delay(case) if delayed else 0.0
+    if case.scenario.events:  # the index is of the response, which has no noise
+        bare = _noiseless(bare)
     laws = [law(swings, case, delay, control_weight) for swings in swing_models(bare)]
-    first = run(bare, laws, delay)
-    return measured_from(bare, first, _twin(bare, first, laws, delay), after)
+    return measured_from(bare, run(bare, laws, delay), None, after)
 
 
 def mean_loop_delay(case: Case) -> float:
@@ -135,14 +134,10 @@ def mean_loop_delay(case: Case) -> float:
     return mean_delay(case.link.up) + mean_delay(case.link.down, case.run.devices)
 
 
-def _twin(case: Case, first: Record, laws: Sequence[Law], delay: float) -> Twin | None:
-    """The reference's run with the same noise, by which the response is without noise, as that of `twins.twin`."""
-    if not case.scenario.events or not noisy(first.configuration):
-        return None
-    before, last = grids(case)
-    if before != last:
-        return Twin(run(case, laws, delay, mirror=True), MIRROR)
-    return Twin(run(without_events(case), laws[:1], delay), WITHOUT_EVENTS)
+def _noiseless(case: Case) -> Case:
+    """The case without the noise of loads and PMUs."""
+    measurement = case.measurement.model_copy(update={"noise": type(case.measurement.noise)()})
+    return replace(case, measurement=measurement, run=case.run.model_copy(update={"load_noise": None}))
 
 
 def swing_models(case: Case) -> list[SwingModel]:
@@ -278,11 +273,11 @@ def onward(swings: SwingModel, frame_rate: int, delays: Sequence[float]) -> tupl
     return held_for(swings.A, swings.B, period)[0], steps
 
 
-def run(case: Case, laws: Sequence[Law], delay: float, *, mirror: bool = False) -> Record:
-    """A run of the plant of a case without controllers under the laws; `mirror`: with noise of the opposite sign."""
+def run(case: Case, laws: Sequence[Law], delay: float) -> Record:
+    """A run of the plant of a case without controllers under the laws."""
     with lent() as part:
         loop = build_loop(case, part=part)
-        _run_ticks(mirrored(loop) if mirror else loop, case, laws, to_ns(delay))
+        _run_ticks(loop, case, laws, to_ns(delay))
         return record(case, loop)
 
 
