@@ -17,7 +17,10 @@ rates, the dead times and the lags of the devices. Like each controller it does 
 what has happened at once, or with its delay. No controller has that much, so none is expected to have less of the
 index, though none is proved not to: K is optimal for small swings, for a sum of squares, and the index is ITAE.
 
-CONTROL_WEIGHT is one for all sets, from a scan in the nominal cases of the sets 1.0. Change of the index in percent,
+In a case with events its run has no noise, as the index is of the response, which has none either; with the noise of
+the loads, setpoints of a small device in WECC-240 are at their limits for most of the time, and swings are not damped.
+
+CONTROL_WEIGHT is one for all sets, from a scan in the nominal cases of the sets 1.0, with noise. Change of the index in percent,
 without delay, then with the delay of the case:
 
                  1e-8          3e-8          1e-7          3e-7          1e-6          1e-5          LQG
@@ -85,8 +88,6 @@ SLOWEST, FASTEST = 0.5, 30.0  # 1/s, magnitude of the eigenvalues of modes that 
 LARGE = 0.5  # of a limit: setpoints of large swings, over whose delay the nonlinear plant predicts
 LEAST = 0.01  # effect of a mode that is controlled, relative to the largest
 STEP_S, GRADES, SETTLING = 1.0, 8, 4  # of implicit Euler; steps while the grid changes, and after it
-FAR = 100.0  # times as fast as at first, where steps lead away
-WASHOUT_S = 2.0  # of the swings, where these steps lead away
 GRADUAL = ("mechanical_power", "load_scale", "network")
 BY_INTERVAL = ("interval_start_ns", "mechanical_power", "online", "island", "load_scale", "network")
 
@@ -99,7 +100,6 @@ class SwingModel(NamedTuple):
     start_ns: int  # from when the grid is as it is
     plant: Plant  # this grid, without noise and events
     at: Array  # x_s, (states,)
-    known: bool  # whether that is the state without swings; else that of the grid before, and z has a washout
     W: Array  # (swings, states)
     A: Array  # (swings, swings), 1/s
     B: Array  # (swings, devices)
@@ -154,9 +154,8 @@ def _all_swings(case: Case) -> list[SwingModel]:
         topology = interval.topology
         if all(place.line in topology.lines_out for place in topology.faults):
             after = _in_interval(whole, i, built)
-            settled = after if i == 0 else _without_swings(built, after)
-            built = after if settled is None else settled
-            models.append(_swings_of(case, built, interval.start_ns, known=settled is not None))
+            built = after if i == 0 else _without_swings(built, after)
+            models.append(_swings_of(case, built, interval.start_ns))
     return models
 
 
@@ -168,21 +167,15 @@ def _in_interval(whole: Built, i: int, before: Built) -> Built:
     return whole._replace(plant=plant._replace(**parts, sparse_networks=networks), state=before.state)
 
 
-def _without_swings(before: Built, after: Built) -> Built | None:
-    """The plant after a change, in its state without swings; the change comes in as many grades as `GRADES`.
-
-    None if a step begins where the state moves much faster than where the first one began: the steps lead away.
-    """
-    state, fastest = before.state, list[float]()
+def _without_swings(before: Built, after: Built) -> Built:
+    """The plant after a change, in its state without swings; the change comes in as many grades as `GRADES`."""
+    state = before.state
     for k in range(1, GRADES + SETTLING + 1):
         grade = min(1.0, k / GRADES)
         parts = {n: (1.0 - grade) * getattr(before.plant, n) + grade * getattr(after.plant, n) for n in GRADUAL}
         graded = after._replace(plant=after.plant._replace(**parts), state=state)
         plant, slope, source = graded.plant, np.zeros_like(state.x), state.source.copy()
         derivatives(plant, state.x, state.reference, source, 0, slope, workspace(plant, state))
-        fastest.append(float(np.abs(slope).max()))
-        if not fastest[-1] <= FAR * fastest[0]:
-            return None
         A = state_matrix(graded)[0]
         if isinstance(A, Descriptor):
             move = descriptor.solved(A, 1.0 / STEP_S, slope).real
@@ -192,7 +185,7 @@ def _without_swings(before: Built, after: Built) -> Built | None:
     return after._replace(state=state)
 
 
-def _swings_of(case: Case, built: Built, start_ns: int, *, known: bool) -> SwingModel:
+def _swings_of(case: Case, built: Built, start_ns: int) -> SwingModel:
     """The swings of a plant about its state, with a real pair of states for each pair of complex modes."""
     A, B = state_matrix(built)
     values, left, right = eigenvectors(A)
@@ -211,7 +204,7 @@ def _swings_of(case: Case, built: Built, start_ns: int, *, known: bool) -> Swing
     partner = len(values) + np.arange(len(pairs))
     modal[pairs, partner], modal[partner, pairs] = values.imag[turning], -values.imag[turning]
     plant = built.plant._replace(load_noise=built.plant.load_noise[:0], oscillations=built.plant.oscillations[:0])
-    return SwingModel(start_ns, plant, built.state.x, known, W, modal, W @ B, Z @ V)
+    return SwingModel(start_ns, plant, built.state.x, W, modal, W @ B, Z @ V)
 
 
 def _differences(case: Case, built: Built) -> Array:
@@ -286,7 +279,6 @@ def _run_ticks(loop: Loop, case: Case, laws: Sequence[Law], delay_ns: int) -> No
     measured, trace, rate = loop.measured, loop.signals, case.run.frame_rate
     limits = np.array([case.system.device(name).setpoint_max for name in case.run.devices])
     sent, waiting = np.zeros(max(law.K.shape[1] for law in laws)), np.zeros(0, SETPOINT)
-    means = [np.zeros(len(law.swings.W)) for law in laws]  # of swings about a state that is not known
     for tick in range(case.ticks):
         start, end = tick_ns(tick, rate), tick_ns(tick + 1, rate)
         frame, stamps, status = trace.frames[tick], trace.measured_ns[tick], trace.status[tick]
@@ -294,14 +286,11 @@ def _run_ticks(loop: Loop, case: Case, laws: Sequence[Law], delay_ns: int) -> No
         trace.time_ns[tick], trace.in_synchronism[tick], trace.used[AT.ticks] = start, sound, tick + 1
         if not sound:
             return
-        now, mean = [pair for pair in zip(laws, means, strict=True) if pair[0].swings.start_ns <= start][-1]
-        z = now.swings.W @ (measured.plant_state.x - now.swings.at)
-        if not now.swings.known:
-            mean += (z - mean) / (rate * WASHOUT_S)
-        u = _feedback(now.K, z - mean, sent)
+        now = [law for law in laws if law.swings.start_ns <= start][-1]
+        u = _feedback(now.swings, now.K, measured.plant_state.x, sent)
         if delay_ns and (np.abs(u) > LARGE * limits).any():
             ahead = _ahead(now.swings.plant, measured.plant_state, (start, start + delay_ns), waiting)
-            u = _feedback(now.K_ahead, now.swings.W @ (ahead - now.swings.at) - mean, sent)
+            u = _feedback(now.swings, now.K_ahead, ahead, sent)
         u = np.clip(u, -limits, limits)
         sent = np.concatenate([u, sent[: -len(u)]])
         rows = np.zeros(len(u), SETPOINT)
@@ -314,8 +303,9 @@ def _run_ticks(loop: Loop, case: Case, laws: Sequence[Law], delay_ns: int) -> No
         waiting = waiting[due:]
 
 
-def _feedback(K: Array, z: Array, sent: Array) -> Array:
+def _feedback(swings: SwingModel, K: Array, x: Array, sent: Array) -> Array:
     """Setpoints before limits; `sent`: past ones, the last first."""
+    z = swings.W @ (x - swings.at)
     u: Array = -K @ np.concatenate([z, sent[: K.shape[1] - len(z)]])
     return u
 
