@@ -8,7 +8,7 @@ from facts_damping.control.table import kind_of
 from facts_damping.devices.base import Series
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from facts_damping.case.model import Case
     from facts_damping.parameters.plant.system import System
@@ -18,7 +18,7 @@ OPEN, MODEL, LOCAL = "open", "model", "local"
 
 
 def division_of(case: Case, *, reads_plant: bool) -> str:
-    """`model` if controllers are designed or tuned on the grid's model, else `open`; `local` if their signals are near.
+    """`model` if controllers are designed or tuned on the grid's model, else `open`; `local` if signals are from a device.
 
     `reads_plant`: a user's class has read `spec.plant`. Numbers that a user has tuned on the model do not show.
     """
@@ -33,18 +33,18 @@ def _designed(controller: Controller) -> bool:
 
 
 def _is_local(system: System, controller: Controller) -> bool:
-    """Whether all PMUs of its signals are at its devices, or one branch away."""
+    """Whether all PMUs of its signals are at one place of its devices, or a branch away from there."""
     units = {unit.name: unit.bus for unit in system.units}
-    at = {bus for name in controller.devices for bus in _buses(system.device(name), units)}
     branches: list[Any] = [*system.lines, *system.transformers]
     ends = [{branch.from_bus, branch.to_bus} for branch in branches]
-    near = at.union(*(pair for pair in ends if pair & at))
-    pmus = {pmu.name: pmu.bus or units[pmu.machine or ""] for pmu in system.pmus}
-    return {pmus[name] for signal in controller.signals for name in system.signals[signal].weights} <= near
+    bus_of = {pmu.name: pmu.bus or units[pmu.machine or ""] for pmu in system.pmus}
+    seen = {bus_of[name] for signal in controller.signals for name in system.signals[signal].weights}
+    places = [place for name in controller.devices for place in _places(system.device(name), units)]
+    return any(seen <= place.union(*(pair for pair in ends if pair & place)) for place in places)
 
 
-def _buses(device: Any, units: Mapping[str, str]) -> Sequence[str]:
-    """Where a device stands: in series between two buses, at buses, or at a unit's."""
+def _places(device: Any, units: Mapping[str, str]) -> list[set[str]]:
+    """Buses of each place at which a device stands: an HVDC link has two."""
     if isinstance(device, Series):
-        return device.ends
-    return device.buses or [units[device.place]]
+        return [set(device.ends)]
+    return [{bus} for bus in device.buses or [units[device.place]]]

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 TRIES = 20  # draws of a case without a power flow, after which a grid is refused
 DEFAULT = "two_area_2.0"
 TAIL_S = 0.5  # of a run, after what is scored
+UNCONTROLLED = {"supervision": None, "arm_at": None}  # fields of runs without controllers
 
 
 class Set(NamedTuple):
@@ -87,7 +88,7 @@ def grid_of(content: CaseSet, source: str) -> Grid:
     """What the cases of a set are drawn for. Raises `InputError` for what the grid does not have."""
     run = run_of(content, ())
     rows = run["system"] if isinstance(run["system"], dict) else read_table(find("systems", str(run["system"])))
-    system = changed_case(run, "set", {"supervision": None, "arm_at": None}).system
+    system = changed_case(run, "set", UNCONTROLLED).system
     known = {"lines": [line.name for line in system.lines], "signals": list(system.signals)}
     for field, names in known.items():
         for name in getattr(content, field):
@@ -118,9 +119,6 @@ def _tries(content: CaseSet, grid: Grid, draw: tuple[str, str, int]) -> int:
     raise InputError(f"{grid.system.name}: {TRIES} cases drawn, none can be made, the last: {problem}")
 
 
-UNCONTROLLED = {"supervision": None, "arm_at": None}
-
-
 def _with_cases(name: str, content: CaseSet, grid: Grid) -> Set:
     events = {(key, i): event for event, (_, key, i) in enumerate(_draws(content))}
     cases: list[ScoredCase] = []
@@ -139,15 +137,12 @@ def _case(content: CaseSet, grid: Grid, kind: str, i: int, redrawn: int, event: 
     case = drawn(grid, kind, i, random)
     last_s = max([case.start_s, *(row["time"] for row in case.events)])
     fields: dict[str, Any] = {"scenario": case.events, "duration": round(last_s + content.after + TAIL_S, 1)}
-    link = grid.run["link"] if isinstance(grid.run.get("link"), dict) else read_table(find("links", _link(grid)))
+    link = grid.run.get("link") or "ideal"
+    link = link if isinstance(link, dict) else read_table(find("links", link))
     for way, stages in (("up", case.up), ("down", case.down)):
         if stages:
             fields[f"link.{way}"] = [*link.get(way, []), *stages]
     return ScoredCase(kind=kind, event=event, set={**fields, **case.fields})
-
-
-def _link(grid: Grid) -> str:
-    return str(grid.run.get("link") or "ideal")
 
 
 def case_of(case_set: Set, rows: Controllers, i: int) -> Any:
