@@ -18,7 +18,7 @@ OPEN, MODEL, LOCAL = "open", "model", "local"
 
 
 def division_of(case: Case, *, reads_plant: bool) -> str:
-    """`model` if controllers are designed or tuned on the grid's model, else `open`; `local` if signals are from a device.
+    """`model` if controllers are designed or tuned on it, else `open`; `local` if their signals are from a device.
 
     `reads_plant`: a user's class has read `spec.plant`. Numbers that a user has tuned on the model do not show.
     """
