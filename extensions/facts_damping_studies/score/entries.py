@@ -45,7 +45,7 @@ class Entry:
     """A controller, and what was measured of it in each case of a set."""
 
     name: str
-    rows: Sequence[Mapping[str, Any]]  # of `controllers` of a run
+    rows: Sequence[dict[str, Any]]  # of `controllers` of a run
     files: Mapping[str, str]  # name: content, of the files of user's programs
     cases: list[Measured]
     unsupervised: list[Measured]  # in the cases without a supervisor; where it never trips, as with it
