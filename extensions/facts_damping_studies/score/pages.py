@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from facts_damping_studies.score.statistics import Estimate, Score
 
 NOTICED = 1.0  # %; a smaller change is none
-TICKS = (-90, -75, -50, 0, 100, 300, 900)  # %
+TICKS = (-96, -90, -75, -50, 0, 100, 300, 900)  # %
+MARKERS = "os^D"  # for each round of colours
 
 
 def change_text(change: Estimate) -> str:
@@ -214,16 +215,17 @@ def plot(cards: Sequence[ScoreCard], path: Path) -> Path:
     figure = Figure(figsize=(6.5, 1.6 + 0.42 * len(kinds)), layout="constrained")
     axes = figure.subplots()
     step = min(0.16, 0.8 / len(cards))
-    for i, (card, colour) in enumerate(zip(cards, COLOURS, strict=False)):
+    for i, card in enumerate(cards):
+        colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i // len(COLOURS) % len(MARKERS)]
         changes = [card.kinds[kind].change for kind in kinds]
         at = [j + step * (i - (len(cards) - 1) / 2) for j in range(len(kinds))]
         low, high = [_ratio(change.low) for change in changes], [_ratio(change.high) for change in changes]
         axes.hlines(at, low, high, color=colour, lw=1.2)
-        axes.plot([_ratio(change.percent) for change in changes], at, "o", ms=4, color=colour, label=_name(card))
+        axes.plot([_ratio(change.percent) for change in changes], at, marker, ms=4, color=colour, label=_name(card))
     axes.axvline(1.0, color="black", lw=0.8)
     axes.set_yticks(range(len(kinds)), kinds)
     axes.invert_yaxis()
-    axes.set(xscale="log", xlim=(0.08, 12.0), xlabel="index relative to no control [%]; left is better")
+    axes.set(xscale="log", xlim=(0.025, 12.0), xlabel="index relative to no control [%]; left is better")
     axes.set_xticks([_ratio(percent) for percent in TICKS], [f"{percent:+d}" for percent in TICKS])
     axes.set_xticks([], minor=True)
     axes.grid(visible=True, axis="x", lw=0.3)
