@@ -106,7 +106,7 @@ def kinds_table(card: ScoreCard, *, markdown: bool = False) -> list[str]:
     """A row for each kind of cases."""
     rows = [
         [
-            kind if kind not in card.beside else f"{kind} (beside)",
+            _kind_name(card, kind),
             f"{row.cases}, {row.events}",
             change_text(row.change),
             str(row.lost),
@@ -116,6 +116,10 @@ def kinds_table(card: ScoreCard, *, markdown: bool = False) -> list[str]:
     ]
     heads = ["cases", "number, events", "index relative to no control", "lost", "tripped"]
     return table(heads, rows, 1, markdown=markdown)
+
+
+def _kind_name(card: ScoreCard, kind: str) -> str:
+    return f"{kind} (beside)" if kind in card.beside else kind
 
 
 WORST = "ITAE in the worst hunted case"  # the last column, if cases were hunted
@@ -223,7 +227,7 @@ def plot(cards: Sequence[ScoreCard], path: Path) -> Path:
         axes.hlines(at, low, high, color=colour, lw=1.2)
         axes.plot([_ratio(change.percent) for change in changes], at, marker, ms=4, color=colour, label=_name(card))
     axes.axvline(1.0, color="black", lw=0.8)
-    axes.set_yticks(range(len(kinds)), kinds)
+    axes.set_yticks(range(len(kinds)), [_kind_name(cards[0], kind) for kind in kinds])
     axes.invert_yaxis()
     axes.set(xscale="log", xlim=(0.025, 12.0), xlabel="index relative to no control [%]; left is better")
     axes.set_xticks([_ratio(percent) for percent in TICKS], [f"{percent:+d}" for percent in TICKS])
