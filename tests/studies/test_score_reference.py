@@ -152,7 +152,7 @@ def test_delay_makes_the_reference_no_better() -> None:
 def test_limits_and_rates_of_the_device_hold() -> None:
     case = without_control(TRIP)
     device = case.system.device("sssc")
-    laws = [law(model, case, 0.0, upper.CONTROL_WEIGHT) for model in swing_models(case)]
+    laws = [law(model, case, 0.0, upper.CONTROL_WEIGHTS[0]) for model in swing_models(case)]
     run = upper.run(case, laws, 0.0)
     setpoint, position = run.devices["setpoint"][:, 0], run.devices["reference"][:, 0]
     assert np.abs(setpoint).max() == pytest.approx(device.setpoint_max)
@@ -166,7 +166,7 @@ def test_limits_and_rates_of_the_device_hold() -> None:
 def test_reference_does_not_know_the_event_before_it_happens(delay: float) -> None:
     """With a delay it acts on it no earlier than that."""
     case = without_control(STEP)
-    laws = [law(model, case, delay, upper.CONTROL_WEIGHT) for model in swing_models(case)]
+    laws = [law(model, case, delay, upper.CONTROL_WEIGHTS[0]) for model in swing_models(case)]
     assert len(laws) == 2
     run, quiet = upper.run(case, laws, delay), upper.run(without_events(case), laws[:1], delay)
     differ = np.flatnonzero(run.devices["setpoint"][:, 0] != quiet.devices["setpoint"][:, 0])
@@ -214,7 +214,7 @@ def test_controllers_and_supervision_of_a_case_do_not_count() -> None:
 def test_control_weight_trades_effort_for_the_index() -> None:
     case = without_control(STEP)
     cheap = reference(case, AFTER, delayed=False)
-    dear = reference(case, AFTER, delayed=False, control_weight=1e-4)
+    dear = reference(case, AFTER, delayed=False, control_weights=[1e-4])
     assert cheap.measure is not None
     assert dear.measure is not None
     assert dear.measure > 1.5 * cheap.measure
