@@ -20,9 +20,9 @@ index, though none is proved not to: K is optimal for small swings, for a sum of
 In a case with events its run has no noise, as the index is of the response, which has none either; with the noise of
 the loads, setpoints of a small device in WECC-240 are at their limits for most of the time, and swings are not damped.
 
-It is the best in each case of the laws with CONTROL_WEIGHTS: where an event drives setpoints to their limits, a law that
-minds them less may do harm (28 % after a fault in New England with a small SSSC). A scan of one weight for all, with
-noise, in the nominal cases of the sets 1.0; change of the index in %, without delay, then with the delay of the case:
+In each case the law of CONTROL_WEIGHTS with the least index counts: where setpoints are at their limits, one that minds
+them less may do harm (28 % after a fault in New England with a small SSSC). A scan of one weight for all, with noise,
+in the nominal cases of the sets 1.0; change of the index in %, without delay, then with the delay of the case:
 
                  1e-8          3e-8          1e-7          3e-7          1e-6          1e-5          LQG
     two_area     -88.1 -87.8   -88.3 -88.0   -88.6 -88.2   -88.6 -88.3   -88.1 -87.7   -78.3 -77.8   -85.8
