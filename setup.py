@@ -128,7 +128,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        *shared("config", "launch"),
+        *shared("cards", "config", "launch"),
     ],
     zip_safe=False,
     # Lower bounds: what runs on Python 3.10. Upper bounds: the next release that may break.

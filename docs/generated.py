@@ -1,6 +1,6 @@
 """What follows from the code: `python docs/generated.py` writes commands.md, fields.md and images/architecture.svg.
 
-And the table of devices in facts_devices.md.
+And the table of devices in facts_devices.md, and the rankings of cards/README.md.
 
 And a hook of mkdocs, for pages that lie beside docs/.
 """
@@ -41,6 +41,11 @@ from facts_damping_library.page import page
 from facts_damping_streams.parameters import Streams
 from facts_damping_studies.campaigns.parameters import Campaign
 from facts_damping_studies.parameters import Study, Target
+from facts_damping_studies.score.card import cards_of
+from facts_damping_studies.score.card import ranking as ranked
+from facts_damping_studies.score.cases.sets import read_set
+from facts_damping_studies.score.entries import stored_entries
+from facts_damping_studies.score.pages import ranking_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -78,7 +83,9 @@ BESIDE = {
     "changelog.md": "CHANGELOG.md",
     "library.md": "extensions/facts_damping_library/README.md",
     "storms.md": "extensions/facts_damping_testing/README.md",
+    "ranking.md": "cards/README.md",
 }  # at the top
+RANKING = "../cards/README.md"
 LIBRARY = "../extensions/facts_damping_library/README.md"
 CONTROLS = "Block controls"
 COMMANDS = """# Commands
@@ -366,11 +373,23 @@ def devices() -> str:
     return before + DEVICES + "".join(rows) + after[after.index("\n\n") + 1 :]
 
 
+def ranking() -> str:
+    """The page of cards with the ranking of each set, from the cards."""
+    text = (ROOT / "docs" / RANKING).read_text(encoding="utf-8")
+    parts = [text[: text.find("\n## ")] if "\n## " in text else text.rstrip("\n")]
+    for folder in sorted(path for path in (ROOT / "cards").iterdir() if path.is_dir()):
+        case_set = read_set(folder.name)
+        cards = ranked(cards_of(case_set, stored_entries(case_set)))
+        about = f"{case_set.content.description}; {len(case_set.cases)} cases, digest {case_set.digest}"
+        parts.append("\n".join(["", f"## {case_set.name}", "", about, "", *ranking_table(cards, markdown=True)]))
+    return "\n".join(parts)
+
+
 def pages() -> dict[str, str]:
     """The pages and the drawing by their names."""
     drawing: str = runpy.run_path(str(ROOT / "docs" / "drawing.py"))["drawing"]()
-    names = ("commands.md", "fields.md", "facts_devices.md", LIBRARY, "images/architecture.svg")
-    return dict(zip(names, (commands(), fields(), devices(), page(), drawing), strict=True))
+    names = ("commands.md", "fields.md", "facts_devices.md", LIBRARY, RANKING, "images/architecture.svg")
+    return dict(zip(names, (commands(), fields(), devices(), page(), ranking(), drawing), strict=True))
 
 
 if __name__ == "__main__":

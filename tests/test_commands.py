@@ -25,6 +25,7 @@ import pytest
 from facts_damping.cli.main import DEGRADED, main
 from facts_damping.cli.parser import parser
 from facts_damping.parameters.yaml_text import dump, parse
+from facts_damping_studies.score.cases import own_grid
 from facts_damping_studies.search import search, tune
 from facts_damping_studies.sweeps import sweep
 from facts_damping_testing.loopback.opening import opened
@@ -99,13 +100,9 @@ def status_of(arguments: list[str]) -> int:
 
 
 def few_cases() -> dict[str, Any]:
-    """One case of each kind for scores, and two controllers to rank."""
+    """A case of each kind for scores, and two controllers to rank."""
     case_set: dict[str, Any] = parse((ROOT / "tests" / "data" / "case_set.yaml").read_text(encoding="utf-8"))
-    cases = {case["kind"]: case for case in case_set["cases"]}
-    return case_set | {
-        "cases": [*cases.values()],
-        "controllers": {k: case_set["controllers"][k] for k in ("LLC", "LQG")},
-    }
+    return case_set | {"kinds": dict.fromkeys(case_set["kinds"], 1)}
 
 
 def text_of(page: str) -> str:
@@ -126,6 +123,8 @@ def shortened(arguments: list[str], page: str) -> list[str]:
         first = sweep.plan(namespace.study, sets, namespace.only).points[0].columns
         only = [part for column, value in first.items() for part in ("--only", f"{column}={value}")]
         return [*arguments, *only, "--set", "duration=1"]
+    if name == "score" and "--system" in arguments:  # a set of its own, which `folder` makes short
+        return arguments
     return [*arguments, *SHORT.get(name, []), *(LONGER.get(page, []) if name == "run" else [])]
 
 
@@ -180,6 +179,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")  # as the environment does
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # all runs in this process
+    monkeypatch.setattr(own_grid, "KINDS_OF_A_SET", {"nominal": 1})
+    monkeypatch.setattr(own_grid, "BESIDE", ())
     for study in (search, tune):
         monkeypatch.setattr(study, "POPULATION", 5)
     return tmp_path

@@ -59,6 +59,8 @@ FILES = {
     "small_signal/linear_plant.py": "writes",
     "facts_damping_testing/storm/storm_graph.py": "reads again what nodes say",
     "facts_damping_studies/campaigns/campaign_pages.py": "reads shipped pages",
+    "facts_damping_studies/score/isolation/child.py": "closes standard streams of a user's program",
+    "facts_damping_studies/score/isolation/confinement.py": "names to the kernel what a user's program may read",
     "facts_damping_studies/sweeps/journal.py": "appends to its own file, once the door has let it",
     "facts_damping_validation/table.py": "reads shipped references",
 }
@@ -205,7 +207,7 @@ def test_archive_does_not_leave_its_folder(tmp_path: Path) -> None:
         archive.writestr("../../escaped", "out")
         archive.writestr("/escaped", "out")
     with pytest.raises(InputError, match=r"escape\.fmu: cannot be read"):
-        fmus._unpacked(file, "here")
+        fmus.unpacked(file, "here")
     assert not Path("/escaped").exists()
     assert not (tmp_path.parent / "escaped").exists()
 

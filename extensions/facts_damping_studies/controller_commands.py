@@ -1,8 +1,7 @@
-"""The commands that choose or judge controllers: tune, design, search, score, compare."""
+"""The commands that choose controllers: tune, design, search."""
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,14 +13,10 @@ from facts_damping.output.terminal import Progress
 from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
-from facts_damping_studies.pages import untuned_lines
+from facts_damping_studies.score_commands import one_after_another
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from facts_damping_studies.score.card import Controllers, Set
-    from facts_damping_studies.score.score_card import ScoreCard
 
 
 def tune(arguments: argparse.Namespace) -> None:
@@ -58,7 +53,7 @@ def design(arguments: argparse.Namespace) -> None:
     if folder is not None and system_path.exists() and system_path.resolve() == (folder / "system.yaml").resolve():
         raise InputError(f"--out {arguments.out}: given, would overwrite SYSTEM; allowed: another folder")
     clean_up_first()
-    with _one_after_another() as tell:
+    with one_after_another() as tell:
         ranking = study.ranked(task, arguments.jobs, tell)
         say(arguments, *pages.ranking_text(ranking))
         completed = study.completed(ranking, tell)
@@ -68,24 +63,6 @@ def design(arguments: argparse.Namespace) -> None:
         write_json(str(folder / "result.json"), pages.document(completed))
     write_json(arguments.json, pages.document(completed))
     say(arguments, *pages.design_text(completed), *(f"written: {path}" for path in written))
-
-
-@contextmanager
-def _one_after_another() -> Iterator[Callable[[str, str], Progress]]:
-    """Progress of several steps of a command, each on a line of its own."""
-    shown: list[Progress] = []
-
-    def tell(name: str, what: str) -> Progress:
-        for before in shown:
-            before.close()
-        shown[:] = [Progress(name, what)]
-        return shown[0]
-
-    try:
-        yield tell
-    finally:
-        for progress in shown:
-            progress.close()
 
 
 def search(arguments: argparse.Namespace) -> None:
@@ -118,75 +95,3 @@ def search(arguments: argparse.Namespace) -> None:
         write_whole(Path(arguments.tuned), dump(document(pages.tuned(task, command, entries))))
     write_json(arguments.json, {"command": command, "ranking": pages.rows(entries)})
     say(arguments, *pages.search_table(entries), run if arguments.out is None else f"run: {arguments.out}")
-
-
-def score(arguments: argparse.Namespace) -> None:
-    """Score a controller on a frozen set of cases, or rank the shipped ones."""
-    from facts_damping_studies.score import card, pages
-    from facts_damping_studies.score.controllers import candidates
-    from facts_damping_studies.score.worst import with_worst
-
-    case_set = card.read_set(arguments.cases)
-    against = None if arguments.against is None else arguments.against.split(",")
-    entrants = candidates(case_set, arguments.controller, against)
-    folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
-    clean_up_first()
-    with Progress("score", "cases") as progress:
-        cards = card.cards_of(case_set, entrants, arguments.jobs, progress)
-    with Progress("hunt", "controllers") as progress:
-        cards = with_worst(case_set, cards, entrants, arguments.hunt, arguments.jobs, progress)
-    ranked = card.ranking(cards)
-    if arguments.controller is not None:
-        _tell_card(arguments, case_set, cards, entrants, folder)
-        return
-    write_json(arguments.json, {"ranking": [each.document() for each in ranked]})
-    say(arguments, *pages.ranking_table(ranked), *_untuned(case_set, entrants))
-    if folder is not None:
-        say(arguments, *(f"written: {path}" for path in pages.write_ranking(ranked, folder)))
-
-
-def _tell_card(
-    arguments: argparse.Namespace,
-    case_set: Set,
-    cards: Sequence[ScoreCard],
-    entrants: Mapping[str, Controllers],
-    folder: Path | None,
-) -> None:
-    """The first card, beside the others."""
-    from facts_damping_studies.score import card, pages
-
-    write_json(arguments.json, cards[0].document())
-    say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
-    say(arguments, *pages.ranking_table(card.ranking(cards)), *_untuned(case_set, entrants))
-    if folder is not None:
-        say(arguments, *(f"written: {path}" for path in pages.write(case_set, cards, folder)))
-
-
-def _untuned(case_set: Set, entrants: Mapping[str, Controllers]) -> list[str]:
-    """Lines about controllers that are not tuned for the system of a set."""
-    from facts_damping_studies.score import card
-
-    return [line for rows in entrants.values() for line in untuned_lines(card.case_of(case_set, rows, 0))]
-
-
-def compare(arguments: argparse.Namespace) -> None:
-    """Compare controllers on any grid, on cases that are drawn for it."""
-    from facts_damping_studies.score import card, comparison, tuning
-    from facts_damping_studies.score.controllers import controllers_of
-
-    names = ("system", "set", "place", "signal", "link", "profile", "seeds", "seed")
-    asked = comparison.Comparison(*(getattr(arguments, name) for name in names))
-    folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
-    texts = dict.fromkeys([arguments.controller, *arguments.against.split(",")])
-    controllers = dict(controllers_of(text, "CONTROLLER, --against") for text in texts)
-    clean_up_first()
-    with _one_after_another() as tell:
-        ground = comparison.ground(asked, arguments.jobs, tell)
-        entrants = tuning.tuned(ground, controllers, arguments.budget, arguments.jobs, tell)
-        case_set = comparison.case_set_of(ground, entrants)
-        cards = card.cards_of(case_set, entrants, arguments.jobs, tell("compare", "runs"))
-    say(arguments, *comparison.ground_text(ground, entrants, controllers), "")
-    _tell_card(arguments, case_set, cards, entrants, folder)
-    if folder is not None:
-        write_whole(folder / "cases.yaml", dump(case_set.content.model_dump()))
-        say(arguments, f"written: {folder / 'cases.yaml'}")

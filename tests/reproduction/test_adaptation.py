@@ -13,7 +13,7 @@ from facts_damping.cli.main import main
 from facts_damping_reproduction.adaptation import experiment, pages
 from facts_damping_reproduction.adaptation.cases import BEGIN, KINDS, evaluation, training
 from facts_damping_reproduction.adaptation.decide import ALIKE, BETTER, OPEN, WORSE, decision, ratio
-from facts_damping_studies.score.card import NONE
+from facts_damping_studies.score.entries import NONE
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -19,7 +19,7 @@ from facts_damping_reproduction import result_figures
 from facts_damping_reproduction.adaptation.experiment import plan
 from facts_damping_reproduction.inverters import comparison
 from facts_damping_reproduction.pdci import pages
-from facts_damping_studies.score.card import read_set
+from facts_damping_studies.score.cases.sets import read_set
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -184,10 +184,10 @@ def of_what_holds() -> list[str]:
 
 
 def of_the_score() -> list[str]:
-    first, second = rows("score/ranking.csv")[:2]
+    first, second = [row for row in rows("score/ranking.csv") if row["group"] == "1"]
     words = {"Hinf": "an H-infinity controller", "LQG": "an LQG"}
     percents = [f"{words[row['controller']]} ({-float(row['percent']):.0f} %)" for row in (first, second)]
-    return [f"In {len(read_set('two_area_1.0').content.cases)} harder cases", f"{' and '.join(percents)} are best"]
+    return [f"In {len(read_set('two_area_2.0').cases)} harder cases", f"{' and '.join(percents)} are best"]
 
 
 def of_delays() -> list[str]:

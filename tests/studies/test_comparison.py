@@ -15,7 +15,9 @@ from facts_damping.errors import FactsDampingError
 from facts_damping.parameters.files import read_table
 from facts_damping.simulation import loop
 from facts_damping_studies.score import comparison, tuning
-from facts_damping_studies.score.case_drawing import KINDS, meshed_lines
+from facts_damping_studies.score.cases import own_grid
+from facts_damping_studies.score.cases.drawing import FAULT, STEP, TRIP, meshed_lines
+from facts_damping_studies.score.cases.sets import run_of
 from facts_damping_studies.score.controllers import controllers_of
 from facts_damping_studies.search.space import space_of
 from tests.commands import assert_one_line
@@ -47,12 +49,13 @@ def mine(tmp_path: Path) -> str:
     return f"{tmp_path / 'mine.py'}:Mine"
 
 
-def new_england(**asked: Any) -> comparison.Ground:
-    return comparison.ground(comparison.Comparison("new_england_39", place="line_9_39", cases=3, **asked), 1, tell)
+def new_england(**asked: Any) -> own_grid.Ground:
+    usual = own_grid.OwnGrid("new_england_39", comparison.kinds_of(3), place="line_9_39", profile=comparison.PROFILE)
+    return own_grid.ground(usual._replace(**asked), 1, tell)
 
 
 @pytest.fixture(scope="module")
-def ground() -> comparison.Ground:
+def ground() -> own_grid.Ground:
     return new_england()
 
 
@@ -65,14 +68,16 @@ def test_meshed_lines_leave_the_grid_whole_and_its_devices_in() -> None:
     assert {"line_1_39", "line_9_39", "line_8_9"}.isdisjoint(meshed_lines(tripped))  # now a radial
 
 
-def test_ground_has_device_signal_and_a_case_of_each_kind(ground: comparison.Ground) -> None:
+def test_ground_has_device_signal_and_a_case_of_each_kind(ground: own_grid.Ground) -> None:
     assert (ground.place.at, ground.wait_s) == ("line_9_39", 0.0)
-    system = ground.training[0].system
-    assert system.signals[ground.signal].channel == "frequency"
-    assert [case["kind"] for case in ground.content["cases"]] == list(KINDS)
-    assert len({json.dumps(case["set"]) for case in ground.content["cases"]}) == 3
+    cases = ground.case_set.cases
+    training = comparison.training_cases(ground, 1, tell)
+    assert training[0].system.signals[ground.signal].channel == "frequency"
+    assert [case.kind for case in cases] == [FAULT, TRIP, STEP]
+    assert len({json.dumps(case.set) for case in cases}) == 3
+    assert not {case.run.seed for case in training} & {case.set["seed"] for case in cases}
     assert new_england() == ground  # the same seed
-    assert new_england(seed=2).content["cases"] != ground.content["cases"]
+    assert new_england(seed=2).case_set.cases != cases
 
 
 def test_link_that_shifts_frames_gets_a_concentrator_and_the_supervisor_is_content(tmp_path: Path) -> None:
@@ -81,22 +86,23 @@ def test_link_that_shifts_frames_gets_a_concentrator_and_the_supervisor_is_conte
     aligned = new_england(link=str(link))
     assert 0.05 < aligned.wait_s < 0.3
     assert aligned.tripped_by == ""
-    for up in (JITTER["up"], aligned.content["run"]["link"]["up"]):
+    aligned_run = run_of(aligned.case_set.content, ())
+    for up in (JITTER["up"], aligned_run["link"]["up"]):
         controller = {"name": "LLC", "devices": ["damper"], "signals": [aligned.signal], "parameters": {"gain": 0.0}}
-        run = {**aligned.content["run"], "link": {"up": up, "down": []}, "controllers": [controller]}
+        run = {**aligned_run, "link": {"up": up, "down": []}, "controllers": [controller]}
         stopped = trips(supervision(loop.run(changed_case(run, "calm", {"duration": 60.0})), None))
         assert bool(stopped) == (up == JITTER["up"])
     link.write_text(json.dumps({"up": [{**GAMMA, "scale": 0.05}, *JITTER["up"][1:]], "down": []}), encoding="utf-8")
     late = new_england(link=str(link))
     assert late.tripped_by in ("missing", "stale")
-    assert "warning: over this link the supervisor trips" in "\n".join(comparison.ground_text(late, {}, {}))
+    assert "warning: over this link the supervisor trips" in "\n".join(own_grid.ground_text(late))
 
 
-def test_controllers_with_ranges_are_tuned_and_no_worse_in_training(ground: comparison.Ground, mine: str) -> None:
+def test_controllers_with_ranges_are_tuned_and_no_worse_in_training(ground: own_grid.Ground, mine: str) -> None:
     """From the lead-lag for the mode on; a class by the ranges that it states; not what has its parameters."""
     fixed = {"name": "LLC", "parameters": {"gain": 5.0}}
     controllers = {"mine": controllers_of(mine)[1], "LLC": [{"name": "LLC"}], "fixed": [fixed]}
-    entrants = tuning.tuned(ground, controllers, 15, 1, tell)
+    entrants = tuning.tuned(ground, comparison.training_cases(ground, 1, tell), controllers, 15, 1, tell)
     assert set(entrants["mine"][0]["parameters"]) == {"gain", "offset"}
     assert -0.001 <= entrants["mine"][0]["parameters"]["offset"] <= 0.001
     assert entrants["fixed"][0]["parameters"] == fixed["parameters"]
@@ -129,13 +135,15 @@ def test_command_tells_place_parameters_and_trips_and_its_set_scores_again(
         assert said in text
     assert "more delay" not in text  # no case has any
     card = json.loads((tmp_path / "card.json").read_text(encoding="utf-8"))
-    assert card["kinds"].keys() == KINDS.keys()
+    assert list(card["kinds"]) == [FAULT, TRIP, STEP]
     tuned = read_table(tmp_path / "cases.yaml")["controllers"]["LLC"][0]["parameters"]
     assert f"gain {tuned['gain']}" in text
     assert main(["score", "LLC", "--cases", str(tmp_path / "cases.yaml"), "--json", str(tmp_path / "again.json")]) == 0
     again = json.loads((tmp_path / "again.json").read_text(encoding="utf-8"))
     assert again["set_digest"] == card["set_digest"]
-    assert f"{again['score']:.1f}" in next(line for line in text.splitlines() if line.startswith("LLC  ")).split()
+    assert (
+        f"{again['score']['value']:.1f}" in next(line for line in text.splitlines() if line.startswith("LLC  ")).split()
+    )
 
 
 @pytest.mark.parametrize(

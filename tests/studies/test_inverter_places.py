@@ -14,7 +14,8 @@ from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linear_model
 from facts_damping_studies.design import design, places, scenario_generation
-from facts_damping_studies.score import case_drawing, comparison
+from facts_damping_studies.score.cases import own_grid
+from facts_damping_studies.score.cases.sets import set_of
 from tests.plant.running import changed, shipped
 from tests.two_plants import path
 
@@ -112,11 +113,14 @@ def test_drawn_cases_vary_inverters_and_trip_small_ones() -> None:
         "controllers": [],
         "duration": 2.0,
     }
-    draws = case_drawing.CaseDraws(run, system, ["line_1", "line_2"], 3)
-    cases = case_drawing.drawn_cases(draws, 30, lambda *_: None)
-    powers = np.array([[case["set"][f"system.inverters.{i}.P"] for i in range(2)] for case in cases])
+    fields = {"run": run, "lines": ["line_1", "line_2"], "seed": "3", "kinds": {"fault": 15, "step": 30}}
+    case_set = set_of(
+        "small", {"version": "1", "devices": ["pod_p"], "signals": [next(iter(system.signals))], **fields}, ""
+    )
+    cases = [case.set for case in case_set.cases]
+    powers = np.array([[case[f"system.inverters.{i}.P"] for i in range(2)] for case in cases])
     assert (np.ptp(powers / [200.0, 40.0], axis=0) > 0.04).all()
-    events = [event for case in cases for event in case["set"]["scenario"]]
+    events = [event for case in cases for event in case["scenario"]]
     trips = [event for event in events if event["kind"] == "generator_trip"]
     assert {event["machine"] for event in trips} == {"SMALL"}
     assert {event["machine"] for event in events if event["kind"] == "mechanical_power_step"} == {"G1", "G2"}
@@ -129,5 +133,5 @@ def test_compared_cases_have_faults_near_inverters() -> None:
     solar = {**shipped(SOLAR).inverters[0].model_dump(), "bus": "B3"}
     system = changed(wscc, inverters=[solar])
     lines = [line.name for line in wscc.lines]
-    assert comparison._near_inverters(system, lines) == ["line_6_9", "line_8_9"]  # behind the transformer T3
-    assert comparison._near_inverters(wscc, lines) == []
+    assert own_grid._near_inverters(system, lines) == ["line_6_9", "line_8_9"]  # behind the transformer T3
+    assert own_grid._near_inverters(wscc, lines) == []

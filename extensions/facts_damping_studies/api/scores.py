@@ -13,6 +13,7 @@ from facts_damping.output.terminal import Progress
 from facts_damping.parameters.files import new_folder
 from facts_damping_studies.score import card as cards
 from facts_damping_studies.score import pages
+from facts_damping_studies.score.cases import sets
 from facts_damping_studies.score.controllers import candidates
 from facts_damping_studies.score.worst import with_worst
 from facts_damping_studies.sweeps.pool import refuse_within
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from os import PathLike
 
-    from facts_damping_studies.score.card import Set
+    from facts_damping_studies.score.cases.sets import Set
     from facts_damping_studies.score.score_card import ScoreCard
 
 
@@ -45,12 +46,12 @@ class Score:
 
     @property
     def value(self) -> float:
-        """The score: the reduction of the index, in percent of that without control, that can be claimed."""
-        return self._card.score
+        """The score: 0 for no control, 100 for the upper reference."""
+        return self._card.score.value
 
     def save(self, folder: str | PathLike[str]) -> list[Path]:
         """Write the card as page, JSON and picture; return the paths."""
-        return pages.write(self._set, [self._card, *self._beside], new_folder(Path(folder)))
+        return pages.write(self._set, self._card, [self._card, *self._beside], new_folder(Path(folder)))
 
     def __repr__(self) -> str:
         """What came out, in a few lines."""
@@ -60,10 +61,11 @@ class Score:
 @short_traceback
 def score(
     controller: Any,
-    cases: str = "two_area_1.0",
+    cases: str = sets.DEFAULT,
     against: Sequence[str] | None = None,
     *,
     hunt: int = 0,
+    heldout: str | None = None,
     jobs: int | None = None,
     progress: bool = False,
 ) -> Score:
@@ -71,15 +73,21 @@ def score(
 
     `controller`: a name, `file.py:Class`, `module:Class`, a run, an FMU or a linear law as text; a class; a row of
     `controllers` of a run, or a list of them. `cases`: name or path of a set; `against`: others beside it, the set's by
-    default; `hunt`: also search for the worst of so many cases in which something fails; `jobs`: runs at once, all
+    default; `hunt`: also search for the worst of so many cases in which something fails; `heldout`: the text that the
+    held-out cases of the set are drawn from; `jobs`: runs at once, all
     cores by default. Raises `InputError`.
     """
     refuse_within()
     jobs = jobs or os.cpu_count() or 1
-    case_set = cards.read_set(cases)
+    case_set = sets.read_set(cases)
+    if heldout is not None:
+        with Progress("score", "cases drawn", shown=progress) as shown:
+            case_set = sets.held_out(case_set, heldout, jobs, shown)
     entrants = candidates(case_set, plain(controller), against)
+    name = next(iter(entrants))
     with Progress("score", "cases", shown=progress) as shown:
-        measured_cards = cards.cards_of(case_set, entrants, jobs, shown)
+        entries = cards.entries_of(case_set, entrants, [name], jobs, shown)
+    measured_cards = sorted(cards.cards_of(case_set, entries), key=lambda card: card.controller != name)
     with Progress("hunt", "controllers", shown=progress) as shown:
         hunted_cards = with_worst(case_set, measured_cards, entrants, hunt, jobs, shown)
     return Score(hunted_cards[0], hunted_cards[1:], case_set)

@@ -1,211 +1,185 @@
-"""A controller's card: measured in all cases of a set, compared with no control and with other controllers.
+"""Cards of controllers: what was measured in all cases of a set, compared with no control, the reference and others.
 
-    change = 100 (exp mean_k mean_c r_c - 1),  r_c = log(measure / measure without control)
+    change = mean_k mean_e m_ke,  m_ke = mean of log(index / index without control) over the cases of event e of kind k
 
-in percent: k over the kinds of cases, c over the cases of a kind. Where one of the two loses synchronism, r_c is LOST
-or -LOST; where both do it is 0; it is LOST at most. Its 95 % interval is a bootstrap by resampling cases within kinds
-(B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap, 1993, 13). The score is what can be claimed: the
-reduction in percent at the worse end of the interval. No control has a score of 0.
+Where one of the two loses synchronism, the log ratio is LOST or -LOST; where both do it is 0; it is LOST at most.
+The score is the part of the reduction that the upper reference has (`statistics.score_of`): no control has 0, the
+reference 100. Kinds that the set has `beside` the score are on the card, not in the score.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
-from copy import deepcopy
-from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.case.changes import as_sets, change
-from facts_damping.case.loading import changed_case
-from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
-from facts_damping.parameters.field_errors import check
-from facts_damping.parameters.files import find, read_table
-from facts_damping.simulation.loop import build_loop
+from facts_damping.errors import InputError
 from facts_damping_studies.campaigns.invariants import HARM
-from facts_damping_studies.score.case_set import CaseSet
-from facts_damping_studies.score.measure import Measured, measure
-from facts_damping_studies.score.score_card import Estimate, KindScore, ScoreCard
-from facts_damping_studies.sweeps.pool import workers
+from facts_damping_studies.score.entries import FIXED, FULL, NONE, Entry, document, measured_entries, stored_entries
+from facts_damping_studies.score.score_card import KindScore, ScoreCard, Worst
+from facts_damping_studies.score.statistics import (
+    LOST,
+    Changes,
+    change_in,
+    change_of,
+    changes,
+    groups,
+    paired,
+    probability,
+    rounded,
+    score_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    Controllers = Sequence[dict[str, Any]]
+    from facts_damping_studies.score.cases.sets import Controllers, Set
+    from facts_damping_studies.score.measure import Measured
 
-NONE = "no control"
-LOST = float(np.log(10.0))
-RESAMPLES, CONFIDENCE = 2000, 0.95
-NOTICED = 1.0  # %; a smaller change is none
-DIGITS = 4  # of all figures of a card
+    Tell = Callable[[int, int], None]
 
-
-class Set(NamedTuple):
-    """A set of cases with its name, with its version, and the digest of its content."""
-
-    name: str
-    content: CaseSet
-    digest: str
-
-
-def read_set(name: str) -> Set:
-    """A set of cases by name or path. Raises `InputError`."""
-    path = find("case_sets", name)
-    return set_of(path.stem.rpartition("_")[0] or path.stem, read_table(path), str(path))
-
-
-def set_of(name: str, content: dict[str, Any], source: str) -> Set:
-    """A set of cases from the content of its file, with its kinds as cards call them. Raises `InputError`.
-
-    The digest is of the cases; what their kinds are called on cards is no part of it.
-    """
-    checked = check(CaseSet, content, source)
-    for kind in checked.called:
-        check_known(f"{source}: called", kind, list(checked.kinds))
-    text = json.dumps(checked.model_dump(mode="json", exclude={"called"}), sort_keys=True)
-    return Set(f"{name} {checked.version}", _as_called(checked), hashlib.sha256(text.encode()).hexdigest()[:16])
-
-
-def _as_called(content: CaseSet) -> CaseSet:
-    """The set with the names of its kinds on cards."""
-    kinds = {content.called.get(kind, kind): text for kind, text in content.kinds.items()}
-    cases = [case.model_copy(update={"kind": content.called.get(case.kind, case.kind)}) for case in content.cases]
-    return content.model_copy(update={"kinds": kinds, "cases": cases, "called": {}})
-
-
-def run_set(
-    case_set: Set,
-    controllers: Mapping[str, Controllers],
-    jobs: int,
-    progress: Callable[[int, int], None],
-) -> dict[str, list[Measured]]:
-    """Measure controllers, and no control, in all cases: name: a `Measured` for each case.
-
-    Raises `InputError` for a controller that cannot be built, before any run, and with the first case that cannot be
-    made.
-    """
-    every = {NONE: (), **controllers}
-    tasks = [(name, rows, i) for name, rows in every.items() for i in range(len(case_set.content.cases))]
-    measured_by_name: dict[str, dict[int, Measured]] = {name: {} for name in every}
-    for rows in controllers.values():
-        build_loop(case_of(case_set, rows, 0))
-    with workers(jobs) as each:
-        for done, (name, i, measured) in enumerate(each(partial(_one, case_set), tasks)):
-            if isinstance(measured, str):
-                raise InputError(f"{case_set.name}, case {i} with {name}: {measured}")
-            measured_by_name[name][i] = measured
-            progress(done + 1, len(tasks))
-    return {name: [rows[i] for i in sorted(rows)] for name, rows in measured_by_name.items()}
-
-
-def _one(case_set: Set, task: tuple[str, Controllers, int]) -> tuple[str, int, Measured | str]:
-    name, rows, i = task
-    try:
-        return name, i, measure(case_of(case_set, rows, i), case_set.content.after)
-    except FactsDampingError as error:
-        return name, i, one_line(error)
-
-
-def case_of(case_set: Set, rows: Controllers, i: int) -> Any:
-    """A case of the set with controllers."""
-    alone = {} if rows else {"supervision": None, "arm_at": None}
-    return changed_case(run_of(case_set, rows), case_set.name, {**case_set.content.cases[i].set, **alone})
-
-
-def run_of(case_set: Set, rows: Controllers) -> dict[str, Any]:
-    """The run of all cases of the set with controllers."""
-    content = case_set.content
-    usual = {"devices": content.devices, "signals": content.signals}
-    run = deepcopy(content.run) | {"controllers": [{**usual, **row} for row in rows]}
-    change(run, content.set, as_sets(content.set))  # before the case's, which may change what these add
-    return run
+LOWEST, HIGHEST, FREQUENCY_HZ = 0.8, 1.2, 1.0  # limits of a machine's voltage, p.u., and of its frequency's deviation
+VIOLATIONS = 0.05  # of the cases in the score, beyond which a controller is disqualified
 
 
 def log_ratio(index: float | None, reference: float | None) -> float:
-    """The logarithm of a measure relative to a reference in the same case; None: synchronism is lost."""
+    """The logarithm of an index relative to a reference in the same case; None: synchronism is lost."""
     if index is None or reference is None:
         return LOST * ((index is None) - float(reference is None))
     return min(LOST, float(np.log(index / reference)))
 
 
-def logs(measured_runs: Sequence[Measured], reference: Sequence[Measured]) -> NDArray[np.float64]:
-    """Log ratio of the measure in each case, (cases,)."""
-    return np.array([log_ratio(a.measure, b.measure) for a, b in zip(measured_runs, reference, strict=True)])
+def logs(measured: Sequence[Measured], none: Sequence[Measured]) -> NDArray[np.float64]:
+    """Log ratio of the index in each case, (cases,)."""
+    return np.array([log_ratio(a.measure, b.measure) for a, b in zip(measured, none, strict=True)])
 
 
-def estimate(values: NDArray[np.float64], kinds: Sequence[str]) -> Estimate:
-    """Mean over kinds of the means over their cases, as a change in percent, with its interval."""
-    random = np.random.default_rng(len(values))
-    names = dict.fromkeys(kinds)
-    groups = [values[[kind == name for kind in kinds]] for name in names]
-    drawn = np.mean(
-        [
-            kind_values[random.integers(len(kind_values), size=(RESAMPLES, len(kind_values)))].mean(axis=1)
-            for kind_values in groups
-        ],
-        axis=0,
-    )
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.quantile(drawn, [tail, 1.0 - tail])
-    middle = np.mean([kind_values.mean() for kind_values in groups])
-    return Estimate(*(_rounded(100.0 * (np.exp(x) - 1.0)) for x in (middle, low, high)))
+def entries_of(
+    case_set: Set, controllers: Mapping[str, Controllers], fresh: Sequence[str], jobs: int, progress: Tell
+) -> dict[str, Entry]:
+    """Entries of no control, the references and controllers: those of shipped cards of this set, the others measured.
 
-
-def _plain(measured_run: Measured) -> Measured:
-    floats: dict[str, Any] = {
-        name: _rounded(value) for name, value in measured_run._asdict().items() if isinstance(value, float)
+    `fresh`: measured in any case. Raises `InputError`.
+    """
+    wanted: dict[str, Controllers] = {**dict.fromkeys(FIXED, ()), **controllers}
+    stored = {
+        name: entry
+        for name, entry in stored_entries(case_set).items()
+        if name in wanted and name not in fresh and list(entry.rows) == list(wanted[name])
     }
-    return measured_run._replace(**floats)
+    measured = measured_entries(
+        case_set, {name: rows for name, rows in wanted.items() if name not in stored}, jobs, progress
+    )
+    return {name: stored.get(name) or measured[name] for name in wanted}
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.{DIGITS}g}") + 0.0  # no negative zero
+def cards_of(case_set: Set, entries: Mapping[str, Entry]) -> list[ScoreCard]:
+    """The cards of controllers and references among entries, each beside the others. Raises `InputError`."""
+    return [_card(case_set, entries, name) for name in entries if name != NONE]
 
 
-def card(case_set: Set, name: str, measured_runs: Mapping[str, Sequence[Measured]]) -> ScoreCard:
-    """The card of a controller, from what `run_set` found."""
-    kinds = [case.kind for case in case_set.content.cases]
-    measured_cases, none = measured_runs[name], measured_runs[NONE]
-    ratios = logs(measured_cases, none)
-    by_kind: dict[str, KindScore] = {}
-    for kind in case_set.content.kinds:
-        at = [i for i, case_kind in enumerate(kinds) if case_kind == kind]
-        by_kind[kind] = KindScore(
-            cases=len(at),
-            change=estimate(ratios[at], [kind] * len(at)),
-            lost=sum(measured_cases[i].lost_s is not None for i in at),
-            lost_without_control=sum(none[i].lost_s is not None for i in at),
-            tripped=sum(measured_cases[i].tripped for i in at),
-        )
-    whole = estimate(ratios, kinds)
-    others = {other: rows for other, rows in measured_runs.items() if other not in (name, NONE)}
+def compared(case_set: Set, measured: Sequence[Sequence[Measured]], none: Sequence[Measured]) -> Changes:
+    """Changes in all kinds, with resamples that are the same for a set."""
+    ratios = np.array([logs(cases, none) for cases in measured])
+    kinds, events = [case.kind for case in case_set.cases], [case.event for case in case_set.cases]
+    return changes(ratios, kinds, events, int(case_set.digest, 16))
+
+
+def scored(changed: Changes, beside: Sequence[str]) -> Changes:
+    """Changes in the kinds that are in the score."""
+    at = [k for k, kind in enumerate(changed.kinds) if kind not in beside]
+    if not at:
+        raise InputError("beside: all kinds given; allowed: at least one kind that is in the score")
+    return Changes(tuple(changed.kinds[k] for k in at), changed.by_kind[:, at], changed.drawn_by_kind[:, at])
+
+
+def _card(case_set: Set, entries: Mapping[str, Entry], name: str) -> ScoreCard:
+    entry, none, beside = entries[name], entries[NONE].cases, case_set.content.beside
+    others = [other for other in entries if other not in (name, NONE)]
+    ranked = [name, *(other for other in others if other not in FIXED)]
+    every = [name, *others]
+    whole = compared(case_set, [*(entries[other].cases for other in every), entry.unsupervised], none)
+    inside, full = scored(whole, beside), every.index(FULL)
+    among = Changes(inside.kinds, *(a[[every.index(other) for other in ranked]] for a in inside[1:]))
+    ordered = groups(among)
     return ScoreCard(
-        controller=name,
-        set=case_set.name,
-        set_digest=case_set.digest,
-        score=_rounded(-whole.high),
-        change=whole,
-        kinds=by_kind,
-        against={other: estimate(logs(measured_cases, rows), kinds) for other, rows in others.items()},
-        effort=_rounded(float(np.mean([measured.effort for measured in measured_cases]))),
-        saturated=_rounded(float(np.mean([measured.saturated for measured in measured_cases]))),
-        cases=[(kind, _plain(measured)) for kind, measured in zip(kinds, measured_cases, strict=True)],
-        does_harm=[kind for kind, row in by_kind.items() if row.change.low > 100.0 * (HARM - 1.0)],
+        entry=entry,
+        entry_document=document(entry, case_set),
+        score=score_of(inside, 0, full),
+        unsupervised=score_of(inside, len(every), full),
+        change=change_of(inside, 0),
+        group=0 if name in FIXED else next(i for i, group in enumerate(ordered, 1) if 0 in group),
+        groups=len(ordered),
+        best=rounded(float(probability(among)[0])),
+        kinds={kind: _kind(case_set, kind, entry.cases, none, whole) for kind in whole.kinds},
+        beside=list(beside),
+        against={other: paired(inside, 0, every.index(other)) for other in others},
+        does_harm=[kind for kind in whole.kinds if change_in(whole, 0, kind).low > 100.0 * (HARM - 1.0)],
+        lost_without_control=sum(measured.lost_s is not None for measured in none),
+        **_totals(entry.cases),
+        **_qualified(case_set, entry, none),
     )
 
 
-def cards_of(
-    case_set: Set, controllers: Mapping[str, Controllers], jobs: int, progress: Callable[[int, int], None]
-) -> list[ScoreCard]:
-    """The cards of controllers, each beside the others, in their order. Raises `InputError`."""
-    measured_runs = run_set(case_set, controllers, jobs, progress)
-    return [card(case_set, name, measured_runs) for name in controllers]
+def _kind(case_set: Set, kind: str, cases: Sequence[Measured], none: Sequence[Measured], changed: Changes) -> KindScore:
+    at = [i for i, case in enumerate(case_set.cases) if case.kind == kind]
+    return KindScore(
+        cases=len(at),
+        events=len({case_set.cases[i].event for i in at}),
+        change=change_in(changed, 0, kind),
+        lost=sum(cases[i].lost_s is not None for i in at),
+        lost_without_control=sum(none[i].lost_s is not None for i in at),
+        tripped=sum(cases[i].tripped for i in at),
+    )
+
+
+def _totals(cases: Sequence[Measured]) -> dict[str, Any]:
+    """Figures over all cases."""
+    known = [measured for measured in cases if measured.frequency_hz is not None]
+    worst = (
+        max(measured.frequency_hz or 0.0 for measured in known),
+        min(measured.lowest or 0.0 for measured in known),
+        max(measured.highest or 0.0 for measured in known),
+    ) if known else None  # fmt: skip
+    return {
+        "lost": sum(measured.lost_s is not None for measured in cases),
+        "tripped": sum(measured.tripped for measured in cases),
+        **{
+            name: rounded(float(np.mean([getattr(measured, name) for measured in cases])))
+            for name in ("effort", "saturated", "travel")
+        },
+        "computing": max(measured.computing for measured in cases),
+        "worst": None if worst is None else Worst(*worst),
+    }
+
+
+def _qualified(case_set: Set, entry: Entry, none: Sequence[Measured]) -> dict[str, Any]:
+    """Cases beyond limits, and why a controller is disqualified."""
+    pairs = list(zip(entry.cases, none, strict=True))
+    beyond = [i for i, (measured, free) in enumerate(pairs) if _violates(measured) and not _violates(free)]
+    inside = [i for i, case in enumerate(case_set.cases) if case.kind not in case_set.content.beside]
+    counted, why = [i for i in beyond if i in inside], ""
+    breaches = {measured.breach: i for i, measured in reversed(list(enumerate(entry.cases))) if measured.breach}
+    if breaches:
+        what, i = next(reversed(breaches.items()))
+        why = f"{what} (case {i})"
+    elif (slowest := max(measured.computing for measured in entry.cases)) > 1.0:
+        why = f"it computes {slowest:.3g} times as long as time goes"
+    elif len(counted) > VIOLATIONS * len(inside):
+        limits = f"{FREQUENCY_HZ:g} Hz or {LOWEST:g} to {HIGHEST:g} p.u."
+        why = f"{len(counted)} of {len(inside)} cases are beyond {limits} only with it; allowed: {VIOLATIONS:.0%}"
+    return {"violations": beyond, "disqualified": why}
+
+
+def _violates(measured: Measured) -> bool:
+    """Whether a case is beyond the limits of voltage and frequency, or loses synchronism."""
+    if measured.frequency_hz is None or measured.lowest is None or measured.highest is None:
+        return True
+    return measured.frequency_hz > FREQUENCY_HZ or measured.lowest < LOWEST or measured.highest > HIGHEST
 
 
 def ranking(cards: Sequence[ScoreCard]) -> list[ScoreCard]:
-    """Cards, the best score first."""
-    return sorted(cards, key=lambda card: -card.score)
+    """Cards, the best first; those that are disqualified at the end."""
+    return sorted(cards, key=lambda card: (bool(card.disqualified), -card.score.value))

@@ -13,7 +13,7 @@ from facts_damping.parameters.files import read_table, shipped
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping_studies.score.card import Set
+    from facts_damping_studies.score.cases.sets import Set
 
 LINEAR = (".npz", ".mat")
 LAWS = ("A", "num", "zeros")  # keys of a YAML file with a linear law
@@ -30,7 +30,7 @@ def candidates(case_set: Set, controller: Any, against: Sequence[str] | None) ->
             raise InputError("--against: given without CONTROLLER; allowed: beside one")
         return case_set.content.controllers
     known = case_set.content.controllers
-    others = [controllers_of(other, "--against", known) for other in against or case_set.content.beside]
+    others = [controllers_of(other, "--against", known) for other in against or known]
     return dict([controllers_of(controller, known=known), *others])
 
 

@@ -6,25 +6,27 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from facts_damping_studies.score.measure import Measured
-
-
-class Estimate(NamedTuple):
-    """Change against a reference in percent, negative is less, with its 95 % interval."""
-
-    percent: float
-    low: float
-    high: float
+    from facts_damping_studies.score.entries import Entry
+    from facts_damping_studies.score.statistics import Estimate, Score
 
 
 class KindScore(NamedTuple):
     """What came out in the cases of a kind."""
 
     cases: int
-    change: Estimate  # of the measure, against no control
+    events: int
+    change: Estimate  # of the index, against no control
     lost: int  # cases that lose synchronism
     lost_without_control: int
     tripped: int  # cases in which a supervisor took the controller off
+
+
+class Worst(NamedTuple):
+    """The worst of all cases after their events, at the machines."""
+
+    frequency_hz: float
+    lowest: float  # p.u., voltage
+    highest: float
 
 
 class WorstCase(NamedTuple):
@@ -49,44 +51,56 @@ class Hunted(NamedTuple):
 class ScoreCard:
     """A controller's card (docs/score.md)."""
 
-    controller: str
-    set: str  # name and version of the set of cases
-    set_digest: str
-    score: float  # %, reduction of the measure that can be claimed
-    change: Estimate  # of the measure, against no control
+    entry: Entry
+    entry_document: dict[str, Any]
+    score: Score  # 0: no control, 100: the upper reference
+    unsupervised: Score  # the same without a supervisor
+    change: Estimate  # of the index, against no control
+    group: int  # among all controllers that it was ranked with, 1: the best; 0: a reference
+    groups: int
+    best: float  # probability that it is the best of them
     kinds: dict[str, KindScore]
-    against: dict[str, Estimate]  # of the measure, against other controllers
+    beside: list[str]  # kinds that are not in the score
+    against: dict[str, Estimate]  # of the index, against others in the same cases
+    lost: int  # cases of all kinds that lose synchronism
+    lost_without_control: int
+    tripped: int
     effort: float  # mean setpoint relative to its limit
     saturated: float  # fraction of the time at a limit
-    cases: list[tuple[str, Measured]]  # kind of each case, and what was measured
+    travel: float  # 1/s, way of the setpoint relative to its limit, mean of the cases
+    computing: float  # largest time of the processor, relative to that simulated
+    worst: Worst | None
     does_harm: list[str]  # kinds in which it is worse than no control
+    violations: list[int]  # cases beyond a limit within which they are without control
+    disqualified: str  # why; empty: it is not
     hunted: Hunted | None = None  # None: none was asked for
 
     @property
-    def lost(self) -> int:
-        """Cases that lose synchronism."""
-        return sum(kind.lost for kind in self.kinds.values())
+    def controller(self) -> str:
+        """Its name."""
+        return self.entry.name
 
     @property
-    def tripped(self) -> int:
-        """Cases in which a supervisor took the controller off."""
-        return sum(kind.tripped for kind in self.kinds.values())
+    def set(self) -> str:
+        """Name and version of the set of cases."""
+        return str(self.entry_document["set"])
 
     @property
-    def lost_without_control(self) -> int:
-        """Cases that lose synchronism without control."""
-        return sum(kind.lost_without_control for kind in self.kinds.values())
+    def set_digest(self) -> str:
+        """Digest of the set of cases."""
+        return str(self.entry_document["set_digest"])
 
     def document(self) -> dict[str, Any]:
         """The JSON of a card."""
         parts = {
-            "change": self.change._asdict(),
             "kinds": {name: {**kind._asdict(), "change": kind.change._asdict()} for name, kind in self.kinds.items()},
             "against": {name: change._asdict() for name, change in self.against.items()},
-            "cases": [{"kind": kind, **measured._asdict()} for kind, measured in self.cases],
         }
-        content = {name: parts.get(name, value) for name, value in vars(self).items() if name != "hunted"}
+        content: dict[str, Any] = {"controller": self.controller}
+        for name, value in vars(self).items():
+            if name not in ("entry", "entry_document", "hunted"):
+                content[name] = parts.get(name) or (value._asdict() if hasattr(value, "_asdict") else value)
         if self.hunted is not None:
             worst = {"ratio": None} if self.hunted.worst is None else self.hunted.worst._asdict()
-            content["worst"] = {"cases": self.hunted.cases, **worst}
-        return content
+            content["hunted"] = {"cases": self.hunted.cases, **worst}
+        return {**content, **self.entry_document}

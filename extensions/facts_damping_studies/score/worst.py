@@ -10,14 +10,14 @@ from facts_damping_studies.campaigns.campaign import CampaignPlan
 from facts_damping_studies.campaigns.hunt import margin, search
 from facts_damping_studies.campaigns.invariants import HARM
 from facts_damping_studies.campaigns.parameters import BaseRun, Campaign
-from facts_damping_studies.score.card import run_of
+from facts_damping_studies.score.cases.sets import run_of
 from facts_damping_studies.score.score_card import Hunted, WorstCase
 from facts_damping_studies.sweeps.pool import run_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from facts_damping_studies.score.card import Controllers, Set
+    from facts_damping_studies.score.cases.sets import Controllers, Set
     from facts_damping_studies.score.score_card import ScoreCard
 
 RULE = "does_no_harm"
@@ -25,10 +25,10 @@ RULE = "does_no_harm"
 
 def campaign_of(case_set: Set, rows: Controllers, seed: int = 0) -> CampaignPlan:
     """The fault campaign whose base runs are the cases of a set, with controllers."""
-    cases = case_set.content.cases
+    cases = case_set.cases
     base_runs = {str(i): BaseRun(set=case.set) for i, case in enumerate(cases)}
     campaign = Campaign(seed=seed, draws=1, base_runs=base_runs, healthy=0.0)
-    run = run_of(case_set, rows)
+    run = run_of(case_set.content, rows)
     return CampaignPlan(
         case_set.name, "", campaign, dict.fromkeys(base_runs, (run, case_set.name)), {}, case_set.digest
     )
@@ -44,7 +44,7 @@ def worst(case_set: Set, rows: Controllers, cases: int) -> Hunted:
     if row is None or row.margins.get(RULE) is None:
         return Hunted(cases, None)
     drawn, case = row.drawn, int(row.drawn.base_run)
-    ratio, kind = HARM - margin(row.margins, RULE), case_set.content.cases[case].kind
+    ratio, kind = HARM - margin(row.margins, RULE), case_set.cases[case].kind
     return Hunted(cases, WorstCase(ratio, case, kind, drawn.fault, drawn.start_s, drawn.labels["lasts"]))
 
 
@@ -61,4 +61,4 @@ def with_worst(
         return list(cards)
     hunted = run_all(partial(worst, case_set, cases=cases), list(controllers.values()), jobs, progress)
     worst_by_name = dict(zip(controllers, hunted, strict=True))
-    return [replace(card, hunted=worst_by_name[card.controller]) for card in cards]
+    return [replace(card, hunted=worst_by_name.get(card.controller)) for card in cards]

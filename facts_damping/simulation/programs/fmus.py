@@ -25,8 +25,7 @@ from facts_damping.input_files import FMU, FMU_UNPACKED, check_unpacked, is_file
 from facts_damping.parameters.run import Fmu
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Bool1, Float1
     from facts_damping.simulation.programs.spec import Spec
 
 REAL = {"2.0": "Real", "3.0": "Float64"}  # type of real numbers, by version of FMI
@@ -40,7 +39,7 @@ class FmuController:
         """Load it. Raises `InputError` if that fails or a variable is missing."""
         fmu = Fmu(file=source) if isinstance(source, str) else source
         self._errors: list[str] = []
-        folder, description = _unpacked(Path(fmu.file), where)
+        folder, description = unpacked(Path(fmu.file), where)
         names = {variable.name: variable for variable in description.modelVariables}
         self._real = REAL[description.fmiVersion]
         self._inputs, self._outputs, parameters = (
@@ -63,9 +62,7 @@ class FmuController:
         weakref.finalize(self, self._fmu.freeInstance).atexit = False
         self._measured_ns = -1
 
-    def step(
-        self, t_s: float, y: NDArray[np.float64], age_s: NDArray[np.float64], _fresh: NDArray[np.bool_]
-    ) -> list[float]:
+    def step(self, t_s: float, y: Float1, age_s: Float1, _fresh: Bool1) -> list[float]:
         """Setpoints for the newest signals, p.u."""
         try:
             return self._step(round((t_s - float(np.min(age_s))) * 1e9), y.tolist())
@@ -115,7 +112,8 @@ class FmuController:
         return [names[name].valueReference for name in wanted.values()]
 
 
-def _unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
+def unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
+    """Temporary folder with an FMU unpacked, and its description. Raises `InputError`."""
     library("fmpy", "fmi", "FMPy", where)
     if not is_file(path):
         raise InputError(f"{where}: {path}: no such file; allowed: an FMU")

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.control.bank import BankState
+    from facts_damping.parameters.run import Controller
+    from facts_damping.simulation.programs.spec import Spec
 
 STEP = ("t_s", "y", "age_s", "fresh")
 _C_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)  # as `control.called` calls it
@@ -70,7 +72,7 @@ class Program:
         self._y, self._u = state.compensated.signal[c, :signals], state.unlimited[c, :devices]
         self._age, self._fresh = state.calls.sensed.age[c, :signals], state.calls.sensed.fresh[c, :signals]
         self._where = f"controllers.{c}.{kind_of(controller).own}"
-        self._file, self._step, state.calls.once[c] = _made(case, c, self._where)
+        self._file, self._step, state.calls.once[c] = instance(controller, spec_of(case, c), self._where)
         self._function = _C_FUNCTION(self._call)  # a reference keeps it alive while it may be called
         state.calls.address[c] = ctypes.cast(self._function, ctypes.c_void_p).value or 0
 
@@ -84,7 +86,7 @@ class Program:
                 u = self._step(*arguments)
             self.elapsed_ns.append(time.perf_counter_ns() - began)
             self.late += self.elapsed_ns[-1] > self._period_ns
-            self._u[:] = _checked(u, self.devices)
+            self._u[:] = checked(u, self.devices)
         except BaseException as error:  # noqa: BLE001 (between compiled functions none can pass; `check` raises it)
             self.error = error
             return 1
@@ -133,18 +135,17 @@ def step_times(programs: list[Program]) -> dict[str, StepTimes]:
     return {program.node: times for program in programs if (times := program.times()) is not None}
 
 
-def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any], bool]:
+def instance(controller: Controller, spec: Spec, where: str) -> tuple[str, Callable[..., Any], bool]:
     """File of a controller's class (none for an FMU), `step` of an instance, and whether to call it once a tick.
 
     Raises `InputError` if it cannot be created.
     """
-    controller = case.controllers[c]
     if controller.fmu is not None:
-        return "", FmuController(spec_of(case, c), controller.fmu, where).step, False
+        return "", FmuController(spec, controller.fmu, where).step, False
     policy_class = find(str(controller.policy), where)
     file = file_of(policy_class)
     with users(where, file, f"as {policy_class.__name__} was made"):
-        policy = policy_class(spec_of(case, c))
+        policy = policy_class(spec)
         if callable(getattr(policy, "reset", None)):
             policy.reset()
         return file, _step_of(policy, policy_class.__name__, where), bool(getattr(policy, "once_a_tick", False))
@@ -164,7 +165,8 @@ def _step_of(controller: Any, name: str, where: str) -> Callable[..., Any]:
     return step
 
 
-def _checked(u: Any, devices: list[str]) -> NDArray[np.float64]:
+def checked(u: Any, devices: list[str]) -> NDArray[np.float64]:
+    """Setpoints that a step has returned, one a device or a single number. Raises `ValueError` for others."""
     if u is None:
         raise ValueError(f"None returned; allowed: u of shape ({len(devices)},), one a device")
     setpoints = np.asarray(u, np.float64)

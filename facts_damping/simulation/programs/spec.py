@@ -45,7 +45,7 @@ class Spec:
 def spec_of(case: Case, c: int) -> Spec:
     """The spec of controller c."""
     controller = case.controllers[c]
-    devices = [case.system.device(name) for name in controller.devices]
+    devices = [case.designed_on.device(name) for name in controller.devices]
     return Spec(
         controller.name,
         list(controller.signals),
@@ -55,6 +55,6 @@ def spec_of(case: Case, c: int) -> Spec:
         case.run.frame_rate,
         int(np.random.SeedSequence([case.run.seed, c]).generate_state(1)[0]),
         dict(controller.parameters),
-        case.system,
+        case.designed_on,
         list(case.run.devices),
     )

@@ -70,11 +70,11 @@ class _Running:
     """
 
     def __init__(self) -> None:
-        self._process, self._calls, self._watched, self._since = 0, 0, False, 0
+        self._process, self._calls, self.watched, self._since = 0, 0, False, 0
 
     def __enter__(self) -> None:
-        if not self._watched and threading.current_thread() is threading.main_thread():
-            self._watched = True
+        if not self.watched and threading.current_thread() is threading.main_thread():
+            self.watched = True
             self._watch()
         self._process = os.getpid()
         self._calls += 1

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from facts_damping_reproduction.score_cases import TWO_AREA, Random, event, number, scaled, usual
+from facts_damping_reproduction.random_cases import WRONG, Random, event, number, scaled, usual
 
 KINDS = ("nominal", "drift", "wrong model")
 EVENTS = ("reclosing onto a fault", "fault at a bus", "line out and in", "power step and line out")
@@ -21,7 +21,7 @@ def training(number_of: int, begin: float, after: float) -> list[dict[str, Any]]
     random = np.random.default_rng((TRAINING, 20261128))
     cases = []
     for i in range(number_of):
-        case = {**usual(random, TWO_AREA), "scenario": event(random, TWO_AREA, i, begin)}
+        case = {**usual(random), "scenario": event(random, i, begin)}
         del case["load_noise.std"]
         cases.append(case | {"duration": round(begin + 1.0 + after, 3)})
     return cases
@@ -35,7 +35,7 @@ def evaluation(number_of: int, begin: float, after: float, seed: int) -> list[di
 
 def _evaluation(random: Random, kind: str, i: int, begin: float, after: float) -> dict[str, Any]:
     changes = {
-        **usual(random, TWO_AREA),
+        **usual(random),
         "scenario": _new_event(random, i, begin),
         "duration": round(begin + 1.5 + after, 3),
     }
@@ -47,7 +47,7 @@ def _evaluation(random: Random, kind: str, i: int, begin: float, after: float) -
             *_steps("load_2", moved / 1767.0, times),
         ] + changes["scenario"]
     if kind == "wrong model":
-        for fields in TWO_AREA.wrong.values():
+        for fields in WRONG.values():
             changes |= scaled(fields, number(random, 0.7, 1.3))
     return {"kind": kind, "event": EVENTS[i % len(EVENTS)], "set": changes}
 

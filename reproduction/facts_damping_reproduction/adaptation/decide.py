@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping_studies.score.card import NONE, log_ratio
+from facts_damping_studies.score.card import log_ratio
+from facts_damping_studies.score.entries import NONE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

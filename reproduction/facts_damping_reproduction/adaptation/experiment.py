@@ -27,7 +27,8 @@ from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.twins import twin
 from facts_damping_reproduction.adaptation.arms import space
 from facts_damping_reproduction.adaptation.cases import BEGIN, evaluation, training
-from facts_damping_studies.score.card import NONE, log_ratio
+from facts_damping_studies.score.card import log_ratio
+from facts_damping_studies.score.entries import NONE
 from facts_damping_studies.search.scoring import mean_effort
 from facts_damping_studies.sweeps.pool import workers
 

@@ -19,7 +19,7 @@ from facts_damping_reproduction.adaptation.decide import BETTER, OPEN, WORSE, Ra
 from facts_damping_reproduction.adaptation.experiment import plan
 from facts_damping_reproduction.adaptation.laws import write_laws
 from facts_damping_reproduction.templates import render
-from facts_damping_studies.score.card import NONE
+from facts_damping_studies.score.entries import NONE
 from facts_damping_studies.sweeps.results import table as arrow
 
 if TYPE_CHECKING:

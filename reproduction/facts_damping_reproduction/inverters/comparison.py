@@ -18,7 +18,7 @@ from facts_damping_reproduction.inverters.laws import BARE, MAIN, Arm, arms, sea
 from facts_damping_reproduction.inverters.study import STILL, interarea, made, plan
 from facts_damping_studies.margins.delay_margin import oscillations
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
-from facts_damping_studies.score.card import NONE
+from facts_damping_studies.score.entries import NONE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

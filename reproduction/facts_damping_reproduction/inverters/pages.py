@@ -25,7 +25,7 @@ from facts_damping_reproduction.inverters.laws import BARE, MAIN
 from facts_damping_reproduction.templates import render
 from facts_damping_studies.campaigns.invariants import HARM
 from facts_damping_studies.pages import as_csv
-from facts_damping_studies.score.card import NONE
+from facts_damping_studies.score.entries import NONE
 from facts_damping_studies.sweeps.pool import workers
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from facts_damping_reproduction.pdci import study
 from facts_damping_reproduction.templates import render
 from facts_damping_studies.campaigns.invariants import HARM
 from facts_damping_studies.pages import as_csv
-from facts_damping_studies.score.card import NONE
+from facts_damping_studies.score.entries import NONE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -23,15 +23,16 @@ from facts_damping_reproduction.adaptation.arms import Space, space
 from facts_damping_reproduction.adaptation.experiment import evolve, index, kept, outcome
 from facts_damping_reproduction.adaptation.laws import write_laws
 from facts_damping_reproduction.pdci import study
-from facts_damping_reproduction.score_cases import number, scaled
+from facts_damping_reproduction.random_cases import number, scaled
 from facts_damping_studies.pages import as_csv
-from facts_damping_studies.score.card import NONE, log_ratio
+from facts_damping_studies.score.card import log_ratio
+from facts_damping_studies.score.entries import NONE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from facts_damping.case.model import Case
-    from facts_damping_reproduction.score_cases import Random
+    from facts_damping_reproduction.random_cases import Random
 
 Rows = list[dict[str, Any]]
 BEGIN = 1.0  # s, of the events

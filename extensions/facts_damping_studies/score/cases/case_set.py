@@ -1,4 +1,4 @@
-"""A frozen set of cases on which controllers are scored."""
+"""What a set of cases is drawn from, and a case."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from facts_damping.parameters.profile import FieldPath
 
 
 class ScoredCase(ParameterModel):
-    """A case: its kind, and the fields of the run that it sets."""
+    """A case: its kind, the number of its event, and the fields of the run that it sets."""
 
-    kind: str = Field(..., description="one of the kinds of the set")
-    set: dict[FieldPath, Any] = Field(..., description="path: value, fields of the run, as in `--set`")
+    kind: str
+    event: int  # cases of other kinds may have the same
+    set: dict[FieldPath, Any]  # path: value, as in `--set`
 
 
 class CaseSet(ParameterModel):
@@ -26,13 +27,17 @@ class CaseSet(ParameterModel):
     set: dict[FieldPath, Any] = Field({}, description="path: value, fields of all runs")
     after: float = quantity(8.0, "s", "time after the last event that counts", gt=0, le=1000)
     controllers: dict[str, list[dict[str, Any]]] = Field(
-        ...,
-        min_length=1,
-        description="name: controllers of the run, those that are ranked; the others stand beside them",
+        {}, description="name: controllers of the run, the baselines that are ranked"
     )
-    beside: list[str] = Field(..., min_length=1, description="those of `controllers` that each card has beside its own")
     devices: list[Name] = Field(["sssc"], min_length=1, description="devices of a controller that names none")
     signals: list[Name] = Field(["speed"], min_length=1, description="signals of a controller that names none")
-    kinds: dict[str, str] = Field(..., min_length=1, description="kind of case: what it is")
-    called: dict[str, str] = Field({}, description="kind of case: its name on cards, where that is another one")
-    cases: list[ScoredCase] = Field(..., min_length=1, description="the cases")
+    lines: list[Name] = Field(..., min_length=1, description="lines that are faulted and trip")
+    seed: str = Field(..., min_length=1, description="text that the cases are drawn from")
+    kinds: dict[str, int] = Field(..., min_length=1, description="kind of case: number of its cases")
+    beside: list[str] = Field([], description="those of `kinds` that stand beside the score, not in it")
+    redrawn: dict[str, int] = Field(
+        {}, description="kind and number of a case: draws before it that have no power flow"
+    )
+    heldout: str | None = Field(
+        None, pattern="^[0-9a-f]{64}$", description="SHA-256 of the text that the held-out cases are drawn from"
+    )

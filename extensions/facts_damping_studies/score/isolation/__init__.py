@@ -1,0 +1,1 @@
+"""Controllers of users in processes of their own, while they are scored."""
