@@ -123,7 +123,7 @@ def _serve(begin: Begin) -> None:
         try:
             with user_code.running:
                 u = step(*messages.step_of(content, signals))
-            answer = checked(u, devices).tobytes()
+            answer = content[-messages.TOKEN :] + checked(u, devices).tobytes()
         except BaseException as error:  # noqa: BLE001 (all that the user's code raises ends the run)
             _send(messages.ERROR, user_code.described(error, file)[: messages.MOST_TEXT])
             return

@@ -199,8 +199,12 @@ class _Isolated:
         patience_s = min(LIMITS.step_s, LIMITS.run_s - self._waited_s)
         if self._connection.unread():  # it could go on, while the run does, with what it answers next
             self._fail_by(f"{UNASKED} ({when})")
-        self._ask(messages.step_content(t_s, y, age_s, fresh), when, patience_s)
-        content = self._answer(when, patience_s, messages.SETPOINTS)
+        asked = messages.step_content(t_s, y, age_s, fresh)
+        self._ask(asked, when, patience_s)
+        answer = self._answer(when, patience_s, messages.SETPOINTS)
+        token, content = answer[: messages.TOKEN], answer[messages.TOKEN :]
+        if token != asked[-messages.TOKEN :]:  # of another step
+            self._fail_by(f"{UNASKED} ({when})")
         self._waited_s += time.monotonic() - began
         before, self._cpu_s = self._cpu_s, self._connection.cpu_s()
         self._slowest_s = max(self._slowest_s, self._cpu_s - before)

@@ -8,6 +8,7 @@ that it sends is run.
 from __future__ import annotations
 
 import os
+import secrets
 import struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 LENGTH = struct.Struct("<I")
 TIME = struct.Struct("<d")
+TOKEN = 8  # random bytes at the end of a step's frame, with which its answer begins: none can be given before
 MOST_BYTES = 1 << 16  # of what a process may send at once
 MOST_TEXT = 2000  # characters of an error
 # First byte of what the process sends.
@@ -50,8 +52,8 @@ def frame(content: bytes) -> bytes:
 
 
 def step_content(t_s: float, y: Floats, age_s: Floats, fresh: NDArray[np.bool_]) -> bytes:
-    """Content of a step's frame: time of arrival, s; signals, (signals,), p.u.; their ages, s; which are new."""
-    return TIME.pack(t_s) + y.tobytes() + age_s.tobytes() + fresh.tobytes()
+    """Content of a step's frame: time of arrival, s; signals, (signals,), p.u.; their ages, s; which are new; token."""
+    return TIME.pack(t_s) + y.tobytes() + age_s.tobytes() + fresh.tobytes() + secrets.token_bytes(TOKEN)
 
 
 def step_of(content: bytes, signals: int) -> tuple[float, Floats, Floats, NDArray[np.bool_]]:
