@@ -22,7 +22,7 @@ from facts_damping_studies.score import measure as scoring
 from facts_damping_studies.score.cases.sets import case_of, read_set
 from facts_damping_studies.score.isolation import isolated as isolation
 from facts_damping_studies.score.isolation.isolated import isolated
-from facts_damping_studies.score.isolation.processes import Template
+from facts_damping_studies.score.isolation.processes import Template, template
 from facts_damping_studies.score.isolation.readable import imported
 from facts_damping_studies.score.isolation.system_calls import (
     ALLOW,
@@ -227,10 +227,14 @@ def test_processes_end_with_their_runs() -> None:
     case = case_with([LEAD_LAG])
     with isolated(case, 1) as (case_isolated, _):
         loop.run(case_isolated)
+        assert len(children_of(template().process)) == 1
         loop.run(case_isolated)
-    below = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split()
-    children = [Path(f"/proc/{pid}/task/{pid}/children").read_text().split() for pid in below]
-    assert [child for group in children for child in group] == []
+    assert children_of(template().process) == []
+
+
+def children_of(process: int) -> list[str]:
+    """Process numbers of what a process has started and not yet waited for."""
+    return Path(f"/proc/{process}/task/{process}/children").read_text().split()
 
 
 @pytest.mark.parametrize("machine", MACHINES)

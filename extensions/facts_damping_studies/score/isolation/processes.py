@@ -116,6 +116,11 @@ class Template:
         self._answer()
         atexit.register(self.close)
 
+    @property
+    def process(self) -> int:
+        """Its process number."""
+        return self._popen.pid
+
     def fork(self, modules: Sequence[str], fmu: str | None) -> Connection:
         """Fork a process; `modules`: of libraries, loaded first; `fmu`: a file, unpacked first."""
         for _ in range(secrets.randbelow(8)):  # numbers of sockets do not count the runs, either
