@@ -64,12 +64,13 @@ def build(
     listed: Sequence[Event],
     watchdog: NDArray[Any] | None = None,
     noisy: Collection[str] = (),
+    sparse: bool = False,
 ) -> Built:
     """Power flow, steady state of machines, controls and devices, and the reduced network of every interval.
 
     `watchdog`: a row of WATCHDOG for all devices; None: off. `noisy`: names of loads that `with_noise` gives noise.
-    Raises `InputError` if the power flow does not converge, if limits exclude the initial state, or if an event is
-    impossible.
+    `sparse`: with a sparse network even if it is small, to be linearised fast. Raises `InputError` if the power flow
+    does not converge, if limits exclude the initial state, or if an event is impossible.
     """
     steps = topology_intervals(system, listed)
     loads = _loads_at_ports(system, noisy, listed)
@@ -81,7 +82,7 @@ def build(
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
     magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
     sources = [u.bus for of_sort in (system.machines, system.infinite_buses, system.inverters) for u in of_sort]
-    large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
+    large = sparse or len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
     parts = system, ports.places, rotating.rows["admittance"]
     networks = _networks(sparse_network if large else reduce_network, *parts, [s.topology for s in steps], magnitude)
     plant = Plant(

@@ -159,13 +159,13 @@ def _all_swings(case: Case) -> list[SwingModel]:
     for i, interval in enumerate(topology_intervals(case.system, case.scenario.events)):
         topology = interval.topology
         if all(place.line in topology.lines_out for place in topology.faults):
-            after = _in_interval(whole, i, built)
+            after = in_interval(whole, i, built)
             built = after if i == 0 else _without_swings(built, after)
             models.append(_swings_of(case, built, interval.start_ns))
     return models
 
 
-def _in_interval(whole: Built, i: int, before: Built) -> Built:
+def in_interval(whole: Built, i: int, before: Built) -> Built:
     """A plant whose one grid is that of an interval, in the state of the one before."""
     plant = whole.plant
     parts = {name: getattr(plant, name)[i : i + 1] for name in BY_INTERVAL}
@@ -198,7 +198,7 @@ def _swings_of(case: Case, built: Built, start_ns: int) -> SwingModel:
     swinging = (np.abs(values) > SLOWEST) & (np.abs(values) < FASTEST) & (values.imag >= 0.0)
     values, left, right = values[swinging], left[:, swinging], right[:, swinging]
     left = left / np.einsum("im,im->m", left, right)
-    Z = _differences(case, built)
+    Z = speed_differences(case, built)
     effect = np.linalg.norm(left.T @ B, axis=1) * np.linalg.norm(Z @ right, axis=0) / np.abs(values.real)
     chosen = effect >= LEAST * effect.max(initial=0.0)
     values, left, right = values[chosen], left[:, chosen], right[:, chosen]
@@ -213,7 +213,7 @@ def _swings_of(case: Case, built: Built, start_ns: int) -> SwingModel:
     return SwingModel(start_ns, plant, built.state.x, W, modal, W @ B, Z @ V)
 
 
-def _differences(case: Case, built: Built) -> Array:
+def speed_differences(case: Case, built: Built) -> Array:
     """Rows of the speed differences of the index in terms of the states, (differences, states)."""
     rows, names = {pmu.name: f"{pmu.machine}.omega" for pmu in case.system.pmus}, built.state_names
     weights = list(measure_weights(case.document()).values())

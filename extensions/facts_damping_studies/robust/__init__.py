@@ -1,0 +1,1 @@
+"""Controllers that hold in all scenarios of a grid: scenarios, structures, tuning, certificate."""

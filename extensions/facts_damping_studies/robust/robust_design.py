@@ -1,0 +1,190 @@
+"""From a run's devices and signals to a law with a certificate: scenarios, tuning of all structures, margins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.linalg import qr
+
+from facts_damping.control.linear_law import Matrices
+from facts_damping.errors import InputError
+from facts_damping.measurement.build import wrong_at
+from facts_damping_studies.robust import certificate
+from facts_damping_studies.robust.certificate import Law
+from facts_damping_studies.robust.laws import Setting, TuningTask, problem, sizes, starts, tune
+from facts_damping_studies.robust.objective import NOISE
+from facts_damping_studies.robust.scenarios import scenarios
+from facts_damping_studies.robust.tuning import best
+from facts_damping_studies.score.reference import mean_loop_delay
+from facts_damping_studies.sweeps.pool import run_all
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping_studies.robust.certificate import Row
+    from facts_damping_studies.robust.scenarios import Scenario, Scenarios
+    from facts_damping_studies.robust.tuning import Tuned
+
+    Array = NDArray[np.float64]
+    Tell = Callable[[str, str], Callable[[int, int], None]]
+
+DRIFTS = 6
+EVALUATIONS = 100  # of the objective, in each round of a tuning
+TUNED_AT, CHECKED_AT = 3, 5  # delays for which laws are tuned, and of the certificate
+MARGINS_AT = 3  # worst scenarios of which margins are computed
+LEAST_NOISE = 5e-6  # p.u., for which laws are designed if the PMUs have less
+SIGNALS = 6  # most signals of a law
+INDEPENDENT = 1e-2  # of the largest: what a signal shows of the modes beside the others
+CHANNELS = "speed_deviation", "frequency"
+
+
+class RobustTask(NamedTuple):
+    """Specification: a case whose devices act, its signals, and what the law has to bear."""
+
+    case: Case
+    signals: Sequence[str]  # that may be used
+    further_delay: float  # s, beyond the link's mean
+    outages: int
+    laws: Sequence[str]
+    jobs: int
+
+
+class Margins(NamedTuple):
+    """Margins of a loop in a scenario."""
+
+    scenario: str
+    delay: float  # s, to which the loop is stable
+    gain: tuple[float, float]  # factors of all setpoints between which it is
+    disc: float  # alpha
+
+
+@dataclass(frozen=True)
+class RobustDesign:
+    """A law and its certificate."""
+
+    task: RobustTask
+    signals: list[str]  # used
+    delays: list[float]  # s, of the certificate
+    scenarios: Scenarios
+    size: Array  # of the signals
+    results: list[Tuned]  # of all structures
+    chosen: Tuned
+    law: Law
+    rows: list[Row]  # all scenarios at all delays, and lost signals and devices
+    margins: list[Margins]  # of the intact grid and of the worst scenarios
+
+    @property
+    def worst(self) -> Row:
+        """The row with the least damping ratio, of scenarios that count as they are."""
+        return min(self.counted, key=lambda row: row.damping)
+
+    @property
+    def counted(self) -> list[Row]:
+        """The rows of scenarios in which no device acts the other way round."""
+        return [row for row in self.rows if row.scenario not in self.chosen.inverted]
+
+    @property
+    def effort(self) -> float:
+        """Rms of a setpoint for the noise of the signals, of its limit."""
+        return self.chosen.judged.effort
+
+
+def designed(task: RobustTask, tell: Tell) -> RobustDesign:
+    """The best law of all structures. Raises `InputError` if no signal can be used."""
+    case, devices = task.case, task.case.run.devices
+    usable = _usable(case, task.signals)
+    grids = scenarios(case, usable, task.outages, DRIFTS, task.jobs, tell)
+    rows = independent(grids.all[0], len(usable))
+    signals = [usable[i] for i in rows]
+    grids = grids.of_signals(rows)
+    setting = _setting(case, signals)
+    delay = mean_loop_delay(case)
+    size = sizes(grids.all[0])
+    of = problem(grids.all, setting, np.linspace(delay, delay + task.further_delay, TUNED_AT).tolist(), size)
+    structures = starts(of, grids.all[0], setting, delay, size, task.laws)
+    tasks = [TuningTask(of, structure, EVALUATIONS, case.run.seed) for structure in structures]
+    results: list[Tuned] = run_all(tune, tasks, task.jobs, tell("design", "laws"))
+    chosen = best(results)
+    law = law_of(chosen, setting, size, len(devices))
+    checked = np.linspace(delay, delay + task.further_delay, CHECKED_AT).tolist()
+    listed = certificate.rows(grids.all, law, checked)
+    listed += certificate.lost(grids.all[0].modal, law, (signals, devices), checked)
+    whole = RobustDesign(task, signals, checked, grids, size, results, chosen, law, listed, [])
+    return RobustDesign(**{**vars(whole), "margins": _margins(whole, delay, tell("design", "margins"))})
+
+
+def _usable(case: Case, names: Sequence[str]) -> list[str]:
+    signals = case.system.signals
+    usable = [name for name in names if signals[name].channel in CHANNELS and signals[name].washout == 0.0]
+    if not usable:
+        listed = ", ".join(f"{name} ({signals[name].channel})" for name in names) or "none"
+        raise InputError(f"signals: {listed} given; allowed: {' or '.join(CHANNELS)}, without washout")
+    return usable
+
+
+def independent(scenario: Scenario, many: int) -> list[int]:
+    """Signals that show the modes beside each other, the most telling first, in their order; at most SIGNALS."""
+    plant = scenario.modal
+    weight = np.abs(plant.B).max(axis=1) / np.maximum(np.abs(plant.values.real), 0.05)
+    shown = plant.C * weight
+    shown = shown / np.maximum(np.abs(shown).max(axis=1, keepdims=True), 1e-300)
+    _, R, order = qr(np.hstack([shown.real, shown.imag]).T, mode="economic", pivoting=True)
+    size = np.abs(np.diag(R))
+    count = min(int((size > INDEPENDENT * size[0]).sum()), SIGNALS, many)
+    return sorted(int(i) for i in order[:count])
+
+
+def _setting(case: Case, signals: Sequence[str]) -> Setting:
+    """What a law of a case acts by."""
+    devices = [case.system.device(name) for name in case.run.devices]
+    nominal = case.system.frequency
+    noise = []
+    for name in signals:
+        weights = case.system.signals[name].weights
+        parts = [w * wrong_at(case.measurement, pmu)[0].frequency / nominal for pmu, w in weights.items()]
+        noise.append(max(float(np.linalg.norm(parts)), LEAST_NOISE))
+    rate = case.run.frame_rate
+    latency = case.filter.delay / rate + 1.0 / rate + np.array([device.dead_time for device in devices])
+    limits = np.array([device.setpoint_max for device in devices], float)
+    return Setting(limits, latency, np.array(noise), rate)
+
+
+def law_of(result: Tuned, setting: Setting, size: Array, devices: int) -> Law:
+    """A tuned law in p.u."""
+    K, n = result.K, result.structure.states
+    of_devices = setting.limits[:, None]
+    parts = K[:n, :n], K[:n, n:] / size, of_devices * K[n:, :n], of_devices * K[n:, n:] / size
+    return Law(Matrices(*parts), list(range(len(size))), list(range(devices)), setting.frame_rate)
+
+
+def _margins(design: RobustDesign, delay: float, progress: Callable[[int, int], None]) -> list[Margins]:
+    """Margins of the intact grid and of the scenarios with the least damping."""
+    plants = {scenario.name: scenario.modal for scenario in design.scenarios.all}
+    order = sorted((row for row in design.counted if row.scenario in plants), key=lambda row: row.damping)
+    names = list(dict.fromkeys([design.scenarios.all[0].name, *(row.scenario for row in order)]))[: MARGINS_AT + 1]
+    margins = []
+    for i, name in enumerate(names):
+        progress(i, len(names))
+        of = plants[name], design.law, delay
+        margins.append(
+            Margins(name, certificate.delay_margin(*of), certificate.gain_margin(*of), certificate.disc_margin(*of))
+        )
+    progress(1, 1)
+    return margins
+
+
+def violations(design: RobustDesign) -> list[str]:
+    """What of the demands the certificate does not confirm, as sentences; empty: nothing."""
+    sentences = [
+        f"{row.scenario}, {1e3 * row.delay:.0f} ms: damping ratio {row.damping:.4f}, without control {row.without:.4f}"
+        for row in design.counted
+        if row.damping < min(row.without, 0.1) - 0.003
+    ]
+    if design.effort > NOISE:
+        sentences.append(f"noise moves setpoints by {100 * design.effort:.1f} % of their limits")
+    return sentences
