@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from facts_damping.case.changes import read_profile
 from facts_damping.cli.reporting import say
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, check_known
 from facts_damping.interruption import clean_up_first
 from facts_damping.output.terminal import Progress
 from facts_damping.output.writing import write_json, write_whole
@@ -17,6 +17,10 @@ from facts_damping_studies.score_commands import one_after_another
 
 if TYPE_CHECKING:
     import argparse
+
+    from facts_damping_studies.design.design import Task
+
+BEST, RESIDUE = "best", "residue"  # values of `design --law` that name no law
 
 
 def tune(arguments: argparse.Namespace) -> None:
@@ -41,18 +45,28 @@ def tune(arguments: argparse.Namespace) -> None:
 
 
 def design(arguments: argparse.Namespace) -> None:
-    """Rank places of devices and signals by residue, and design a lead-lag controller for a mode."""
+    """Design a law that holds in all scenarios of a grid, or a lead-lag by the residue of one mode."""
     from facts_damping_studies.design import design as study
-    from facts_damping_studies.design import design_pages as pages
 
     names = ("system", "set", "damping", "delay", "mode", "place", "signal")
     task = study.Task(*(getattr(arguments, name) for name in names))
-    task = task._replace(kinds=arguments.kinds.split(","), profile=arguments.profile)
+    delay = study.DELAY_S if task.delay is None else task.delay
+    task = task._replace(kinds=arguments.kinds.split(","), profile=arguments.profile, delay=delay)
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     system_path = Path(arguments.system)
     if folder is not None and system_path.exists() and system_path.resolve() == (folder / "system.yaml").resolve():
         raise InputError(f"--out {arguments.out}: given, would overwrite SYSTEM; allowed: another folder")
     clean_up_first()
+    if arguments.law == RESIDUE:
+        _residue_design(arguments, task, folder)
+    else:
+        _robust_design(arguments, task, folder)
+
+
+def _residue_design(arguments: argparse.Namespace, task: Task, folder: Path | None) -> None:
+    from facts_damping_studies.design import design as study
+    from facts_damping_studies.design import design_pages as pages
+
     with one_after_another() as tell:
         ranking = study.ranked(task, arguments.jobs, tell)
         say(arguments, *pages.ranking_text(ranking))
@@ -63,6 +77,31 @@ def design(arguments: argparse.Namespace) -> None:
         write_json(str(folder / "result.json"), pages.document(completed))
     write_json(arguments.json, pages.document(completed))
     say(arguments, *pages.design_text(completed), *(f"written: {path}" for path in written))
+
+
+def _robust_design(arguments: argparse.Namespace, task: Task, folder: Path | None) -> None:
+    from facts_damping_studies.design.design_pages import ranking_text
+    from facts_damping_studies.robust import robust_design as study
+    from facts_damping_studies.robust import robust_pages as pages
+    from facts_damping_studies.robust.grid_run import grid_run
+    from facts_damping_studies.robust.laws import LAWS
+
+    laws = list(LAWS) if arguments.law == BEST else arguments.law.split(",")
+    for law in laws:
+        check_known("--law", law, [BEST, *LAWS, RESIDUE])
+    with one_after_another() as tell:
+        run = grid_run(task, arguments.delay, arguments.jobs, tell)
+        if run.ranking is not None:
+            say(arguments, *ranking_text(run.ranking))
+        further = arguments.further_delay, arguments.outages
+        specification = study.RobustTask(run.case(), run.signals, *further, laws, arguments.jobs)
+        completed = study.designed(specification, tell)
+    written = []
+    if folder is not None:
+        written = [*pages.write(completed, task, run, folder), pages.plot(completed, folder / "damping.png")]
+        write_json(str(folder / "result.json"), pages.document(completed))
+    write_json(arguments.json, pages.document(completed))
+    say(arguments, *pages.text(completed), *(f"written: {path}" for path in written))
 
 
 def search(arguments: argparse.Namespace) -> None:

@@ -43,6 +43,7 @@ NEARBY = 0.1  # relative frequency error within which a mode matches the request
 MODES, PLACES, SIGNALS, PAIRS = 4, 5, 5, 8  # numbers shown per mode, and numbers of candidates for a pair
 CONFLICT = 0.25  # largest loss of another mode's damping ratio, relative to the gain of the target mode's
 FRAME_RATE = 60
+DELAY_S = 0.1  # of the loop, if none is asked for
 LONGEST_S = 1.0  # longest delay in the search for the margin
 
 
@@ -131,7 +132,7 @@ def design(task: Task, jobs: int, tell: Tell) -> Design:
 
 def ranked(task: Task, jobs: int, tell: Tell) -> Ranking:
     """Rank places and signals for each mode, and pairs for the target. Raises `InputError`."""
-    bare_system = _read(task)
+    bare_system = read(task)
     grid = places.merged(bare_system) if "exciter_input" not in task.kinds else bare_system
     modes, target = listed_modes(task, grid)
     system = places.with_signals(grid, modes, task.channel(grid))
@@ -169,7 +170,7 @@ def completed(ranking: Ranking, tell: Tell) -> Design:
     return Design(**vars(ranking), content=content, run=run, tuned=tuned, stable=stable, scenarios=scenarios)
 
 
-def _read(task: Task) -> System:
+def read(task: Task) -> System:
     """The system of a task, with the fields of its profile."""
     system = read_system(task.system, task.sets)
     if task.profile == DEFAULT_PROFILE:
@@ -272,15 +273,21 @@ def _pair(
     return Pair(index, name, complex(residues[target]), law, [gained(i) / gained(target) for i in range(len(modes))])
 
 
+def with_choice(ranking: Ranking, signals: Sequence[str]) -> tuple[System, str]:
+    """The system with the device that was chosen and some signals of the ranking, and the device's name."""
+    original, location = ranking.bare, ranking.tried[ranking.chosen.tried].place
+    names = {pmu.name for pmu in original.pmus}
+    more = [pmu for pmu in ranking.system.pmus if pmu.name not in names]
+    whole = original.model_copy(update={"pmus": [*original.pmus, *more], "signals": ranking.system.signals})
+    wide = places.only(whole, list(dict.fromkeys([*original.signals, *signals])), original)
+    return places.with_place(wide, location), location.device.name
+
+
 def _written(ranking: Ranking) -> tuple[dict[str, Any], dict[str, Any]]:
     """Content of the system's file with the device and the signal, and content of the run's file."""
     task, chosen, original = ranking.task, ranking.chosen, ranking.bare
     location = ranking.tried[chosen.tried].place
-    names = {pmu.name for pmu in original.pmus}
-    more = [pmu for pmu in ranking.system.pmus if pmu.name not in names]
-    whole = original.model_copy(update={"pmus": [*original.pmus, *more], "signals": ranking.system.signals})
-    wide = places.only(whole, list(dict.fromkeys([*original.signals, chosen.signal])), original)
-    content = places.with_place(wide, location).model_dump(by_alias=True, exclude_defaults=True)
+    content = with_choice(ranking, [chosen.signal])[0].model_dump(by_alias=True, exclude_defaults=True)
     half = {"stage": "network", "model": "constant", "delay": task.delay / 2}
     run = {
         "description": f"{original.name}, lead-lag by facts-damping design",

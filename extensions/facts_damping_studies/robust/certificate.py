@@ -3,8 +3,8 @@
 The plant is that of the modes which devices move or the index sees (`modal_plants`); frames, hold, delay, dead times
 and the filters of PMUs are exact (`margins.linear_closed_loop`). Margins: the longest delay, the range of a common
 factor of all setpoints, and the disc margin alpha = 1/max |(S - T)/2| at the devices, by which gain and phase of all
-may be off at once: a gain from (2 - alpha)/(2 + alpha) to its inverse, a phase of 2 atan(alpha/2) (P. Seiler, A. Packard,
-P. Gahinet, An Introduction to Disk Margins, IEEE Control Systems 40(5), 2020).
+may be off at once: a gain from (2 - alpha)/(2 + alpha) to its inverse, a phase of 2 atan(alpha/2) (P. Seiler, A.
+Packard, P. Gahinet, An Introduction to Disk Margins, IEEE Control Systems 40(5), 2020).
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 LONGEST_S, STEP_S = 1.0, 0.04  # of delays in the search for the margin
 LOUDEST, QUIETEST = 16.0, 1.0 / 64.0  # of the factor in the search for the gain margin
+CHARTED = 0.3  # largest damping ratio in a chart
 HALVINGS = 8  # of an interval in which a margin lies
 
 
@@ -79,6 +80,7 @@ class Row(NamedTuple):
     hertz: float
     without: float
     stable: bool
+    modes: list[tuple[float, float]]  # Hz and damping ratio of those charted, with the law
 
 
 def delayed_loop_of(plant: ModalPlant, law: Law) -> DelayedLoop:
@@ -111,6 +113,13 @@ def least_damped(values: Complex) -> tuple[float, float]:
     return float(ratios[i]), float(hertz[inside[i]])
 
 
+def charted(values: Complex) -> list[tuple[float, float]]:
+    """Frequency (Hz) and damping ratio of the modes in the band that a chart shows."""
+    low, high = BAND_HZ
+    pairs = [(float(v.imag / (2.0 * np.pi)), float(-v.real / abs(v))) for v in values if v.imag > 0.0]
+    return [(hertz, ratio) for hertz, ratio in pairs if low < hertz < high and ratio < CHARTED]
+
+
 def rows(scenarios: Sequence[Scenario], law: Law, delays: Sequence[float]) -> list[Row]:
     """All scenarios at all delays."""
     return [row for scenario in scenarios for row in _rows(scenario.name, scenario.modal, law, delays)]
@@ -123,7 +132,7 @@ def _rows(name: str, plant: ModalPlant, law: Law, delays: Sequence[float]) -> li
     for delay in delays:
         values = eigenvalues(loop, delay)
         ratio, hertz = least_damped(values)
-        listed.append(Row(name, delay, ratio, hertz, before, bool(values.real.max() < 0.0)))
+        listed.append(Row(name, delay, ratio, hertz, before, bool(values.real.max() < 0.0), charted(values)))
     return listed
 
 

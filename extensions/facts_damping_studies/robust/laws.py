@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-EFFORT = 1e-6  # p.u.^2, weight of a setpoint at its limit: as a speed difference of 0.001
+EFFORT = 1e-7  # p.u.^2, weight of a setpoint at its limit: as a speed difference of 0.0003
+OTHER_EFFORTS = 1e-6, 1e-8  # with which the best law is tuned again
 EFFORTS = 1e-7, 1e-6, 1e-5  # of LQG laws from which tuning starts
 TORQUE = 0.01  # p.u., rms of the steps of torques in a second for which the filter of an LQG is optimal
 GAINS = 0.3, 1.0, 3.0  # of H-infinity laws from which tuning starts, limits per size of a signal
@@ -161,6 +162,12 @@ def tune(task: TuningTask) -> Tuned:
     """A structure tuned, and made as weak as its demands ask for."""
     result = tuned(task.problem, task.structure, task.evaluations, task.seed, _quiet)
     return weakest_kept(task.problem.inverted(result.inverted), result)
+
+
+def again(of: Problem, result: Tuned, evaluations: int, seed: int) -> list[TuningTask]:
+    """A tuned structure, to be tuned from where it is with OTHER_EFFORTS."""
+    structure = result.structure._replace(start=result.parameters)
+    return [TuningTask(of.with_effort(effort), structure, evaluations, seed) for effort in OTHER_EFFORTS]
 
 
 def _quiet(_done: int, _of: int) -> None:

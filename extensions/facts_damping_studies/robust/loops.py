@@ -56,12 +56,11 @@ class Loop(NamedTuple):
 
 
 class Value(NamedTuple):
-    """What a controller does in a loop, with gradients by K, (devices and states, signals and states)."""
+    """What a controller does in a loop; the gradient by K, (devices and states, signals and states)."""
 
     index: float  # ln of the square root of the index over that without control; infinite: unstable
     of_index: Array
     damping: float  # least damping ratio in the band less that without control
-    of_damping: Array
 
 
 def delay_terms(delays: Sequence[float]) -> tuple[Array, Array, Array]:
@@ -120,42 +119,45 @@ def closed(loop: Loop, K: Array, states: int) -> tuple[Array, Array, Array]:
     return A, E, F
 
 
-def value(loop: Loop, K: Array, states: int) -> Value:
+def value(loop: Loop, K: Array, states: int, *, gradient: bool = True) -> Value:
     """What a controller does in a loop."""
-    index, of_index = _index(loop, K, states, gradient=True)
+    index, of_index, values = _index(loop, K, states, gradient=gradient)
     if not np.isfinite(index):
-        return Value(np.inf, np.zeros_like(K), -np.inf, np.zeros_like(K))
-    ratio, of_damping = damping(loop, K, states)
-    change = 0.5 * np.log(index / loop.index)
-    return Value(change, 0.5 * of_index / index, ratio - loop.damping, of_damping)
+        return Value(np.inf, of_index, -np.inf)
+    least = float(_damping(values + loop.shift).min(initial=1.0))
+    return Value(0.5 * np.log(index / loop.index), 0.5 * of_index / index, least - loop.damping)
 
 
-def _index(loop: Loop, K: Array, states: int, *, gradient: bool) -> tuple[float, Array]:
-    """The index and its gradient by K; infinite if the loop is unstable."""
+def _index(loop: Loop, K: Array, states: int, *, gradient: bool) -> tuple[float, Array, NDArray[np.complex128]]:
+    """The index, its gradient by K, and the eigenvalues; infinite if the loop is unstable."""
     A, E, F = closed(loop, K, states)
     T, U = schur(A)
-    if _growth(T) >= 0.0:
-        return np.inf, np.zeros_like(K)
+    values = _block_eigenvalues(T)
+    if values.real.max() >= 0.0:
+        return np.inf, np.zeros_like(K), values
     R = U.T @ np.vstack([loop.R, np.zeros((states, loop.R.shape[1]))])
     Z = np.hstack([loop.Z, np.zeros((len(loop.Z), states))]) @ U
     of_setpoints = K[states:] @ F @ U
     weight = Z.T @ Z + loop.effort * of_setpoints.T @ of_setpoints
     Q_1 = _lyapunov(T, weight, transposed=True)
     Q_2 = _lyapunov(T, Q_1, transposed=True)
-    index = float(np.einsum("ij,ik,kj->", R, Q_2, R))
+    index = float(np.einsum("ij,ij->", R, Q_2 @ R))
     if not gradient:
-        return index, np.zeros_like(K)
+        return index, np.zeros_like(K), values
     P_1 = _lyapunov(T, R @ R.T, transposed=False)
     P_2 = _lyapunov(T, P_1, transposed=False)
     FU = F @ U
     of_K = 2.0 * (U.T @ E).T @ (Q_2 @ P_1 + Q_1 @ P_2) @ FU.T
     of_K[states:] += 2.0 * loop.effort * of_setpoints @ P_2 @ FU.T
-    return index, of_K
+    return index, of_K, values
 
 
-def _growth(T: Array) -> float:
-    """Largest real part of the eigenvalues of a real Schur form, whose blocks have equal diagonals."""
-    return float(np.diag(T).max())
+def _block_eigenvalues(T: Array) -> NDArray[np.complex128]:
+    """Eigenvalues of a real Schur form, whose blocks have equal diagonals, with a non-negative imaginary part."""
+    square = np.zeros(len(T))
+    square[:-1] = np.diag(T, 1) * np.diag(T, -1)
+    values: NDArray[np.complex128] = np.diag(T) + 1j * np.sqrt(np.maximum(-square, 0.0))
+    return values
 
 
 def _lyapunov(T: Array, W: Array, *, transposed: bool) -> Array:

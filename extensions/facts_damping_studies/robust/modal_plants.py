@@ -6,8 +6,8 @@ With right and left eigenvectors v, w, w v = 1, and for each mode with a non-neg
 
 (a real mode counts once), u the devices' setpoints. A step of the torque on a rotor leaves the swings at a distance
 w G / lambda from the new equilibrium. Modes are left out that neither a device moves as the signals or the speed
-differences see it, nor a torque as the speed differences do; D takes their part over (P. Kundur, Power System Stability
-and Control, 1994, 12.3; modal truncation: G. Rogers, Power System Oscillations, 2000, 7).
+differences see it, nor a torque as the speed differences do; a few real poles and D take their part over (P. Kundur,
+Power System Stability and Control, 1994, 12.3; modal truncation: G. Rogers, Power System Oscillations, 2000, 7).
 """
 
 from __future__ import annotations
@@ -35,9 +35,11 @@ if TYPE_CHECKING:
     Complex = NDArray[np.complex128]
 
 BAND_HZ = (0.1, 2.5)  # in which modes are judged
-FITTED_HZ = (0.15, 0.4, 0.8, 1.4, 2.2)  # at which D takes over what is left out
+FITTED_HZ = (0.12, 0.25, 0.4, 0.6, 0.85, 1.2, 1.7, 2.3)  # at which what is left out is fitted
+POLES = -1.0, -6.0, -60.0  # 1/s, by which it is
 MOVED, SHOWN = 0.005, 0.02  # effect of a mode that stays, relative to the largest: of devices, of torques
-FASTEST = 40.0  # 1/s, magnitude of the eigenvalues of modes that stay
+FASTEST = 200.0  # 1/s, magnitude of the eigenvalues of modes that stay
+STILL = 0.1  # 1/s, decay below which a mode counts as one with this decay
 
 
 class ModalPlant(NamedTuple):
@@ -114,7 +116,7 @@ def modal_plant(case: Case, built: Built, signals: Sequence[str]) -> ModalPlant:
     left = left / np.einsum("im,im->m", left, right)
     B, C, Z = left.T @ model.B, model.C @ right, speed_differences(case, built) @ right
     G = left.T @ torques(case, built)
-    apart = np.maximum(np.abs(values.real), 1e-3)
+    apart = np.maximum(np.abs(values.real), STILL)
     moved = _relative(B, np.vstack([_scaled(C), _scaled(Z)]), apart)
     shown = _relative(G, _scaled(Z), apart)
     stays = (moved > MOVED) | (shown > SHOWN)
@@ -151,15 +153,45 @@ def _relative(into: Complex, of: Complex, apart: Array) -> Array:
 
 
 def fitted(plant: ModalPlant, model: LinearModel) -> ModalPlant:
-    """The plant with D fitted at FITTED_HZ to a whole model, and the error that is left."""
+    """The plant with what its modes lack of a whole model, fitted at FITTED_HZ, and the error that is left.
+
+    What is lacking is D + sum_k C_k / (s - p_k) with the real POLES of each device, by least squares.
+    """
     at = 2j * np.pi * np.array(FITTED_HZ)
+    devices = plant.B.shape[1]
+    basis = np.column_stack([np.ones(len(at)), *(-p / (at - p) for p in POLES)])
     plain = model._replace(washout=np.zeros(len(model.C)), filtered=None, dead_time=0.0)
-    whole = np.array([plain.response(s) for s in at])
-    ours = np.array([plant.response(s) for s in at])
-    D = (whole - ours).real.mean(axis=0)
-    size = np.abs(whole).max(axis=0)
-    error = np.abs(whole - ours - D).max(axis=0) / np.where(size > 0.0, size, 1.0)
-    return plant._replace(D=D, error=float(error.max(initial=0.0)))
+    D, more, error = _lacking(np.array([plain.response(s) - plant.response(s) for s in at]), basis, plain, at)
+    filters = plant.filters
+    if filters is not None and model.filtered is not None:
+        seen = plain._replace(C=model.filtered.C, D=model.filtered.D)
+        ours = plant._replace(C=np.asarray(filters.C, complex), D=np.zeros_like(D))
+        of_samples, further, _ = _lacking(np.array([seen.response(s) - ours.response(s) for s in at]), basis, seen, at)
+        filters = filters._replace(C=np.hstack([filters.C, further]), D=of_samples)
+    values = np.repeat(np.array(POLES, complex), devices)
+    none = np.zeros((len(values), plant.R.shape[1]), complex)
+    return plant._replace(
+        values=np.concatenate([plant.values, values]),
+        swings=np.concatenate([plant.swings, np.zeros(len(values), bool)]),
+        B=np.vstack([plant.B, np.tile(np.eye(devices), (len(POLES), 1)) * -values.real[:, None]]),
+        C=np.hstack([plant.C, more]),
+        D=D,
+        R=np.vstack([plant.R, none]),
+        Z=np.hstack([plant.Z, np.zeros((len(plant.Z), len(values)))]),
+        filters=filters,
+        error=error,
+    )
+
+
+def _lacking(lacks: Complex, basis: Complex, whole: LinearModel, at: Complex) -> tuple[Array, Complex, float]:
+    """D and C of the basis that are nearest to what is lacking, (frequencies, signals, devices), and the error left."""
+    size = np.maximum(np.abs(np.array([whole.response(s) for s in at])).max(axis=0), 1e-300)
+    flat = lacks.reshape(len(at), -1)
+    rows, targets = np.vstack([basis.real, basis.imag]), np.vstack([flat.real, flat.imag])
+    solution = np.linalg.lstsq(rows, targets, rcond=1e-6)[0]
+    error = np.abs(lacks - (basis @ solution).reshape(lacks.shape)).max(axis=0) / size
+    parts = solution.reshape(len(solution), *lacks.shape[1:])
+    return parts[0], np.concatenate(list(parts[1:]), axis=1).astype(complex), float(error.max(initial=0.0))
 
 
 def torques(case: Case, built: Built) -> Array:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.linalg import eig
 
-from facts_damping_studies.robust.loops import value
+from facts_damping_studies.robust.loops import damping, value
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -52,6 +52,10 @@ class Problem(NamedTuple):
         scenarios, loops = [self.scenarios[i] for i in chosen], [self.loops[i] for i in chosen]
         return self._replace(scenarios=scenarios, loops=loops, responses=self.responses[list(chosen)])
 
+    def with_effort(self, effort: float) -> Problem:
+        """The problem with another weight of setpoints at their limits, p.u.^2."""
+        return self._replace(loops=[each._replace(effort=effort) for each in self.loops])
+
     def inverted(self, devices: Mapping[str, Sequence[int]]) -> Problem:
         """The problem with some devices inverted in some scenarios."""
         loops, responses = list(self.loops), self.responses.copy()
@@ -81,7 +85,7 @@ def objective(problem: Problem, structure: Structure, parameters: Array) -> tupl
     total, of_K = of_matrix(problem, K, structure.states)
     if not np.isfinite(total):
         return np.inf, np.zeros_like(parameters)
-    return total, np.einsum("pij,ij->p", structure.slopes(parameters), of_K)
+    return total, structure.gradient(parameters, of_K)
 
 
 def of_matrix(problem: Problem, K: Array, states: int) -> tuple[float, Array]:
@@ -96,12 +100,13 @@ def of_matrix(problem: Problem, K: Array, states: int) -> tuple[float, Array]:
     harm = max(values, key=lambda v: v.index)
     lacks = [lacking(each, v) for each, v in zip(problem.loops, values, strict=True)]
     worst = int(np.argmax(lacks))
+    of_damping = damping(problem.loops[worst], K, states)[1] if lacks[worst] > 0.0 else np.zeros_like(K)
     peak, of_peak, _ = sensitivity(problem, K, states)
     effort, of_effort = noise(problem, K, states)
     grows, of_growth = growth(K, states)
     for weight, excess, of_excess in (
         (HARM, harm.index, harm.of_index),
-        (DAMPING, lacks[worst], -values[worst].of_damping),
+        (DAMPING, lacks[worst], -of_damping),
         (PEAK, peak - SENSITIVITY, of_peak),
         (EFFORT, effort - NOISE, of_effort),
         (OWN, grows + STABLE, of_growth),
@@ -118,7 +123,7 @@ def lacking(loop: Loop, at: Value) -> float:
 
 def judged(problem: Problem, K: Array, states: int) -> Judged:
     """What a controller does in all loops of a problem."""
-    values = [value(each, K, states) for each in problem.loops]
+    values = [value(each, K, states, gradient=False) for each in problem.loops]
     return Judged(values, sensitivity(problem, K, states)[2], noise(problem, K, states)[0])
 
 

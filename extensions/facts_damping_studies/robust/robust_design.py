@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import qr
@@ -11,11 +11,11 @@ from scipy.linalg import qr
 from facts_damping.control.linear_law import Matrices
 from facts_damping.errors import InputError
 from facts_damping.measurement.build import wrong_at
-from facts_damping_studies.robust import certificate
+from facts_damping_studies.robust import certificate, trials
 from facts_damping_studies.robust.certificate import Law
-from facts_damping_studies.robust.laws import Setting, TuningTask, problem, sizes, starts, tune
+from facts_damping_studies.robust.laws import Setting, TuningTask, again, problem, sizes, starts, tune
 from facts_damping_studies.robust.objective import NOISE
-from facts_damping_studies.robust.scenarios import scenarios
+from facts_damping_studies.robust.scenarios import INTACT, scenarios
 from facts_damping_studies.robust.tuning import best
 from facts_damping_studies.score.reference import mean_loop_delay
 from facts_damping_studies.sweeps.pool import run_all
@@ -33,9 +33,11 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Tell = Callable[[str, str], Callable[[int, int], None]]
 
+NAME = "designed"  # of the controller
 DRIFTS = 6
 EVALUATIONS = 100  # of the objective, in each round of a tuning
 TUNED_AT, CHECKED_AT = 3, 5  # delays for which laws are tuned, and of the certificate
+CHECKS, LOAD_STEP = 2, 0.1  # worst scenarios that are run, and the step of the largest load
 MARGINS_AT = 3  # worst scenarios of which margins are computed
 LEAST_NOISE = 5e-6  # p.u., for which laws are designed if the PMUs have less
 SIGNALS = 6  # most signals of a law
@@ -75,8 +77,10 @@ class RobustDesign:
     results: list[Tuned]  # of all structures
     chosen: Tuned
     law: Law
+    events: list[float]  # of the rivals: mean of ln of the index in events over that without control
     rows: list[Row]  # all scenarios at all delays, and lost signals and devices
     margins: list[Margins]  # of the intact grid and of the worst scenarios
+    checks: list[TimeCheck]  # nonlinear
 
     @property
     def worst(self) -> Row:
@@ -109,13 +113,25 @@ def designed(task: RobustTask, tell: Tell) -> RobustDesign:
     structures = starts(of, grids.all[0], setting, delay, size, task.laws)
     tasks = [TuningTask(of, structure, EVALUATIONS, case.run.seed) for structure in structures]
     results: list[Tuned] = run_all(tune, tasks, task.jobs, tell("design", "laws"))
-    chosen = best(results)
-    law = law_of(chosen, setting, size, len(devices))
+    first = best(results)
+    more = again(of.inverted(first.inverted), first, EVALUATIONS, case.run.seed)
+    results += run_all(tune, more, task.jobs, tell("design", "laws with other weights"))
+    rivals = [first, *(result._replace(inverted=first.inverted) for result in results[-len(more) :] if result.kept)]
+    laws = [law_of(result, setting, size, len(devices)) for result in rivals]
+    compared = trials.compared(
+        trials.drawn(case, _lines(grids), task.jobs, tell("design", "events")),
+        [law_row(law, signals, devices) for law in laws],
+        task.jobs,
+        tell("design", "runs"),
+    )
+    i = int(np.argmin(compared))
+    chosen, law = rivals[i], laws[i]
     checked = np.linspace(delay, delay + task.further_delay, CHECKED_AT).tolist()
     listed = certificate.rows(grids.all, law, checked)
     listed += certificate.lost(grids.all[0].modal, law, (signals, devices), checked)
-    whole = RobustDesign(task, signals, checked, grids, size, results, chosen, law, listed, [])
-    return RobustDesign(**{**vars(whole), "margins": _margins(whole, delay, tell("design", "margins"))})
+    whole = RobustDesign(task, signals, checked, grids, size, results, chosen, law, compared, listed, [], [])
+    margins = _margins(whole, delay, tell("design", "margins"))
+    return replace(whole, margins=margins, checks=checked(whole, tell("design", "checks")))
 
 
 def _usable(case: Case, names: Sequence[str]) -> list[str]:
@@ -160,6 +176,50 @@ def law_of(result: Tuned, setting: Setting, size: Array, devices: int) -> Law:
     of_devices = setting.limits[:, None]
     parts = K[:n, :n], K[:n, n:] / size, of_devices * K[n:, :n], of_devices * K[n:, n:] / size
     return Law(Matrices(*parts), list(range(len(size))), list(range(devices)), setting.frame_rate)
+
+
+def law_row(law: Law, signals: Sequence[str], devices: Sequence[str]) -> dict[str, Any]:
+    """A law as a row of `controllers`."""
+    matrices = {name: matrix.tolist() for name, matrix in law.matrices._asdict().items()}
+    return {"name": NAME, "linear": matrices, "devices": list(devices), "signals": list(signals)}
+
+
+class TimeCheck(NamedTuple):
+    """The worst scenario in a nonlinear run without noise: index over that without control; None: synchronism lost."""
+
+    scenario: str
+    event: str
+    ratio: float | None
+    lost_without: bool
+
+
+def checked(design: RobustDesign, progress: Callable[[int, int], None]) -> list[TimeCheck]:
+    """Nonlinear runs of the outages among the worst scenarios, as events, and of a step of the largest load."""
+    case, law = design.task.case, law_row(design.law, design.signals, design.task.case.run.devices)
+    order = [row.scenario for row in sorted(design.counted, key=lambda row: row.damping)]
+    scenarios = {each.name: each for each in design.scenarios.all}
+    names = list(dict.fromkeys(name for name in order if name in scenarios))[:CHECKS]
+    checks = []
+    for i, name in enumerate([INTACT, *(other for other in names if other != INTACT)]):
+        progress(i, len(names) + 1)
+        scenario = scenarios[name]
+        load = max(case.system.loads, key=lambda each: each.P, default=None)
+        step = [] if load is None else [{"time": 1.0, "kind": "load_step", "load": load.name, "change": LOAD_STEP}]
+        out = [{"time": 1.0, "kind": "line_out", "line": scenario.line}]
+        events, system = (step, scenario.system) if scenario.line is None else (out, case.system)
+        changed = replace(case, system=system)
+        with_law, none = (trials.index(trials.Trial(changed, row, events)) for row in (law, None))
+        ratio = None if with_law is None or none is None else with_law / none
+        text = f"outage of {scenario.line}" if scenario.line else f"step of {load.name if load else 'no load'}"
+        checks.append(TimeCheck(name, text, ratio, none is None))
+    progress(1, 1)
+    return checks
+
+
+def _lines(grids: Scenarios) -> list[str]:
+    """Lines whose outages are scenarios; without such, all lines."""
+    out = [each.line for each in grids.all if each.line is not None]
+    return out or [line.name for line in grids.all[0].system.lines]
 
 
 def _margins(design: RobustDesign, delay: float, progress: Callable[[int, int], None]) -> list[Margins]:

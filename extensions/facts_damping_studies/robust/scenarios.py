@@ -47,16 +47,19 @@ ALIKE = 5  # digits of distances of outages that are alike
 
 
 class Scenario(NamedTuple):
-    """A state of the grid."""
+    """A state of the grid; `line`: that is out, if any."""
 
     name: str
+    line: str | None
+    system: System
     modal: ModalPlant
     plant: ReducedPlant
 
     def of_signals(self, rows: Sequence[int]) -> Scenario:
         """The scenario with some of the signals."""
         chosen, plant = list(rows), self.plant
-        return Scenario(self.name, self.modal.of_signals(chosen), plant._replace(C=plant.C[chosen], D=plant.D[chosen]))
+        fewer = plant._replace(C=plant.C[chosen], D=plant.D[chosen])
+        return self._replace(modal=self.modal.of_signals(chosen), plant=fewer)
 
 
 class Scenarios(NamedTuple):
@@ -76,6 +79,7 @@ class _Task(NamedTuple):
     signals: Sequence[str]
     name: str
     system: System
+    line: str | None = None
 
 
 def scenarios(case: Case, signals: Sequence[str], outages: int, drifts: int, jobs: int, tell: Tell) -> Scenarios:
@@ -83,7 +87,7 @@ def scenarios(case: Case, signals: Sequence[str], outages: int, drifts: int, job
     lines = meshed_lines(case.system) if outages else []
     chosen = [_Task(case, signals, INTACT, case.system)]
     out = worst(case, lines, tell("design", "outages"))[:outages]
-    chosen += [_Task(case, signals, f"without {line}", without(case.system, line)) for line in out]
+    chosen += [_Task(case, signals, f"without {line}", without(case.system, line), line) for line in out]
     chosen += _drifts(case, signals, drifts)
     examined: list[Scenario | str] = run_all(_examined, chosen, jobs, tell("design", "scenarios"))
     possible = [result for result in examined if isinstance(result, Scenario)]
@@ -172,4 +176,4 @@ def _examined(task: _Task) -> Scenario | str:
     except FactsDampingError:
         return task.name
     limits = np.array([task.system.device(name).setpoint_max for name in task.case.run.devices])
-    return Scenario(task.name, modal, reduced(modal, limits))
+    return Scenario(task.name, task.line, task.system, modal, reduced(modal, limits))

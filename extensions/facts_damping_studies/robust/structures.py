@@ -40,10 +40,13 @@ class Structure(NamedTuple):
         """The parameters with all setpoints times a factor."""
         return np.where(self.gains, factor * parameters, parameters)
 
-    def slopes(self, parameters: Array) -> Array:
-        """The slopes of K by each parameter, (parameters, rows, columns), by central differences."""
+    def gradient(self, parameters: Array, of_K: Array) -> Array:
+        """The gradient by the parameters of what has a gradient by K; slopes of K by central differences."""
+        if of_K.size == len(parameters):  # free
+            return of_K.ravel()
         steps = STEP * np.eye(len(parameters))
-        return np.array([(self.matrix(parameters + s) - self.matrix(parameters - s)) / (2.0 * STEP) for s in steps])
+        slopes = [(self.matrix(parameters + s) - self.matrix(parameters - s)) / (2.0 * STEP) for s in steps]
+        return np.einsum("pij,ij->p", np.array(slopes), of_K)
 
 
 class Channel(NamedTuple):

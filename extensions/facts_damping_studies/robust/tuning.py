@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-ROUNDS, JOIN = 4, 4  # rounds of tuning, and loops that join after each
+ROUNDS, JOIN = 3, 4  # rounds of tuning, and loops that join after each
 FALLING, WEAKER = 0.7, 25  # of the gain of a start that is unstable somewhere, and how often at most
+SLOWLY, OFTEN = 0.95, 60  # the same of a law that violates demands
 TURNED = 0.1  # violation from which on an inverted device is looked for
 
 
@@ -118,10 +119,10 @@ def assessed(problem: Problem, structure: Structure, parameters: Array, inverted
 def weakest_kept(problem: Problem, result: Tuned) -> Tuned:
     """The law with the largest gain, at most its own, with which all demands are kept."""
     structure, parameters = result.structure, result.parameters
-    for _ in range(WEAKER):
+    for _ in range(OFTEN):
         if result.kept:
             break
-        parameters = structure.weaker(parameters, FALLING)
+        parameters = structure.weaker(parameters, SLOWLY)
         result = assessed(problem, structure, parameters, result.inverted)
     return result
 

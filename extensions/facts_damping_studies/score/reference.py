@@ -127,7 +127,7 @@ def reference(
     bare = replace(case, controllers=[], supervision=None, run=case.run.model_copy(update={"watchdog": None}))
     delay = mean_loop_delay(case) if delayed else 0.0
     if case.scenario.events:  # the index is of the response, which has no noise
-        bare = _noiseless(bare)
+        bare = noiseless(bare)
     figures = []
     for weight in control_weights:
         laws = [law(swings, case, delay, weight) for swings in swing_models(bare)]
@@ -140,7 +140,7 @@ def mean_loop_delay(case: Case) -> float:
     return mean_delay(case.link.up) + mean_delay(case.link.down, case.run.devices)
 
 
-def _noiseless(case: Case) -> Case:
+def noiseless(case: Case) -> Case:
     """The case without the noise of loads and PMUs."""
     measurement = case.measurement.model_copy(update={"noise": type(case.measurement.noise)()})
     return replace(case, measurement=measurement, run=case.run.model_copy(update={"load_noise": None}))
