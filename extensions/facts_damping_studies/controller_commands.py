@@ -50,7 +50,7 @@ def design(arguments: argparse.Namespace) -> None:
 
     names = ("system", "set", "damping", "delay", "mode", "place", "signal")
     task = study.Task(*(getattr(arguments, name) for name in names))
-    delay = study.DELAY_S if task.delay is None else task.delay
+    delay = study.DELAY_S if arguments.delay is None else arguments.delay
     task = task._replace(kinds=arguments.kinds.split(","), profile=arguments.profile, delay=delay)
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     system_path = Path(arguments.system)

@@ -67,8 +67,7 @@ class Law(NamedTuple):
     def response(self, s: complex) -> Complex:
         """K at a complex frequency (1/s), (devices, signals)."""
         A, B, C, D = self.matrices
-        whole: Complex = C @ np.linalg.solve(s * np.eye(len(A)) - A, B.astype(complex)) + D
-        return whole
+        return np.asarray(C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D, np.complex128)
 
 
 class Row(NamedTuple):

@@ -10,7 +10,7 @@ from scipy.linalg import solve_continuous_lyapunov
 from facts_damping_studies.design.lead_lag import lead_lag
 from facts_damping_studies.robust import synthesis
 from facts_damping_studies.robust.loops import loop
-from facts_damping_studies.robust.objective import SENSED_HZ, Problem, objective
+from facts_damping_studies.robust.objective import FAST_HZ, SENSED_HZ, Problem, objective
 from facts_damping_studies.robust.structures import Channel, free, lead_lags
 from facts_damping_studies.robust.tuning import Tuned, stabilised, tuned, weakest_kept
 
@@ -62,11 +62,11 @@ def problem(scenarios: Sequence[Scenario], setting: Setting, delays: Sequence[fl
     masks = [(scenario, scenario.name, np.ones(signals), np.ones(devices)) for scenario in scenarios]
     for many, which in ((signals, 0), (devices, 1)):
         for i in range(many if many > 1 else 0):
-            one_lost = [np.ones(signals), np.ones(devices)]
-            one_lost[which][i] = 0.0
-            masks.append((scenarios[0], f"{('signal', 'device')[which]} {i + 1} lost", *one_lost))
+            left, right = np.ones(signals), np.ones(devices)
+            (left, right)[which][i] = 0.0
+            masks.append((scenarios[0], f"{('signal', 'device')[which]} {i + 1} lost", left, right))
     names, loops, responses = [], [], []
-    at = 2j * np.pi * SENSED_HZ
+    at = 2j * np.pi * np.r_[SENSED_HZ, FAST_HZ]
     for scenario, name, of_signals, of_devices in masks:
         plain = np.array([scenario.modal.response(s) for s in at]) / size[:, None] * setting.limits
         plain = plain * of_signals[:, None] * of_devices

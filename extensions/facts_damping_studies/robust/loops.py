@@ -50,7 +50,7 @@ class Loop(NamedTuple):
     R: Array  # (states, torques)
     Z: Array  # (differences, states)
     shift: float  # 1/s, subtracted from the diagonal of A
-    index: float  # without control
+    index_without: float  # without control
     damping: float  # least damping ratio in the band without control
     effort: float  # weight of a setpoint at its limit beside a speed difference, p.u.^2
 
@@ -58,7 +58,7 @@ class Loop(NamedTuple):
 class Value(NamedTuple):
     """What a controller does in a loop; the gradient by K, (devices and states, signals and states)."""
 
-    index: float  # ln of the square root of the index over that without control; infinite: unstable
+    log_ratio: float  # ln of the square root of the index over that without control; infinite: unstable
     of_index: Array
     damping: float  # least damping ratio in the band less that without control
 
@@ -93,7 +93,7 @@ def loop(
     shift = max(0.0, float(values.real.max()) + MARGIN)
     bare = Loop(name, A - shift * np.eye(len(A)), B, C, R, Z, shift, 1.0, 0.0, effort)
     index = _index(bare, np.zeros((len(limits), len(signals))), 0, gradient=False)[0]
-    return bare._replace(index=index, damping=float(_damping(values).min(initial=1.0)))
+    return bare._replace(index_without=index, damping=float(_damping(values).min(initial=1.0)))
 
 
 def _damping(values: NDArray[np.complex128]) -> Array:
@@ -125,7 +125,7 @@ def value(loop: Loop, K: Array, states: int, *, gradient: bool = True) -> Value:
     if not np.isfinite(index):
         return Value(np.inf, of_index, -np.inf)
     least = float(_damping(values + loop.shift).min(initial=1.0))
-    return Value(0.5 * np.log(index / loop.index), 0.5 * of_index / index, least - loop.damping)
+    return Value(0.5 * np.log(index / loop.index_without), 0.5 * of_index / index, least - loop.damping)
 
 
 def _index(loop: Loop, K: Array, states: int, *, gradient: bool) -> tuple[float, Array, NDArray[np.complex128]]:

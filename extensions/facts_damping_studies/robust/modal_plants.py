@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.small_signal import descriptor
+from facts_damping.plant.grid.sparse import solve_network
 from facts_damping.small_signal.descriptor import Descriptor
 from facts_damping.small_signal.eigenmodes import eigenvectors, mode
 from facts_damping.small_signal.linearisation import LinearModel, linear_model
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 BAND_HZ = (0.1, 2.5)  # in which modes are judged
 FITTED_HZ = (0.12, 0.25, 0.4, 0.6, 0.85, 1.2, 1.7, 2.3)  # at which what is left out is fitted
 POLES = -1.0, -6.0, -60.0  # 1/s, by which it is
-MOVED, SHOWN = 0.005, 0.02  # effect of a mode that stays, relative to the largest: of devices, of torques
+MOVED, SHOWN = 0.002, 0.02  # effect of a mode that stays, relative to the largest: of devices, of torques
 FASTEST = 200.0  # 1/s, magnitude of the eigenvalues of modes that stay
 STILL = 0.1  # 1/s, decay below which a mode counts as one with this decay
 
@@ -215,7 +215,7 @@ def shifted(matrix: Array | Descriptor, right: Complex, left: Complex) -> Comple
     """First-order eigenvalues of a changed plant: w A v for each pair of vectors of the plant as it was, w v = 1."""
     if isinstance(matrix, Descriptor):
         n = matrix.states
-        z = descriptor.solve_network(matrix.matrix[n:, n:].tocsc(), matrix.matrix[n:, :n] @ right)
+        z = solve_network(matrix.matrix[n:, n:].tocsc(), matrix.matrix[n:, :n] @ right)
         moved = matrix.matrix[:n, :n] @ right - matrix.matrix[:n, n:] @ z
     else:
         moved = matrix @ right

@@ -11,7 +11,7 @@ NOISE of its limit, rms; the controller itself is stable.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import eig
@@ -33,8 +33,10 @@ SENSITIVITY = 2.0
 NOISE = 0.1  # of a limit
 ENOUGH, LOST = 0.10, 0.002  # damping ratio above which it may fall; what round-off and truncation may take
 STABLE = 0.02  # 1/s, decay of the controller's own modes
-HARM, DAMPING, PEAK, EFFORT, OWN = 10.0, 50.0, 1.0, 20.0, 10.0  # penalties
+HARM, DAMPING, PEAK, FAST, EFFORT, OWN = 10.0, 50.0, 1.0, 5.0, 20.0, 10.0  # penalties
 SENSED_HZ = np.geomspace(0.05, 6.0, 60)  # at which the sensitivity is evaluated
+FAST_HZ = (6.0, 9.0, 14.0, 20.0, 28.0)  # at which the loop's gain is at most FADED: frames cannot follow
+FADED = 0.2
 
 
 class Problem(NamedTuple):
@@ -42,7 +44,7 @@ class Problem(NamedTuple):
 
     scenarios: list[str]  # of each loop
     loops: list[Loop]
-    responses: Complex  # (loops, frequencies SENSED_HZ, signals, devices), with delays
+    responses: Complex  # (loops, frequencies SENSED_HZ and FAST_HZ, signals, devices), with delays
     noise: Array  # (signals,), rms, relative to their size
     frame_rate: float
     first: list[int]  # loops that count from the start of a tuning
@@ -71,12 +73,13 @@ class Judged(NamedTuple):
 
     values: list[Value]
     sensitivity: Array  # (loops,), largest
+    fast: float  # largest gain of a loop at FAST_HZ
     effort: float  # largest rms of a setpoint for the noise, of its limit
 
     @property
-    def index(self) -> float:
+    def log_ratio(self) -> float:
         """Mean of ln of the root of the index over that without control."""
-        return float(np.mean([v.index for v in self.values]))
+        return float(np.mean([v.log_ratio for v in self.values]))
 
 
 def objective(problem: Problem, structure: Structure, parameters: Array) -> tuple[float, Array]:
@@ -93,21 +96,23 @@ def of_matrix(problem: Problem, K: Array, states: int) -> tuple[float, Array]:
     values = []
     for each in problem.loops:
         values.append(value(each, K, states))
-        if not np.isfinite(values[-1].index):
+        if not np.isfinite(values[-1].log_ratio):
             return np.inf, np.zeros_like(K)
-    total = float(np.mean([v.index for v in values]))
+    total = float(np.mean([v.log_ratio for v in values]))
     gradient = np.mean([v.of_index for v in values], axis=0)
-    harm = max(values, key=lambda v: v.index)
+    harm = max(values, key=lambda v: v.log_ratio)
     lacks = [lacking(each, v) for each, v in zip(problem.loops, values, strict=True)]
     worst = int(np.argmax(lacks))
     of_damping = damping(problem.loops[worst], K, states)[1] if lacks[worst] > 0.0 else np.zeros_like(K)
     peak, of_peak, _ = sensitivity(problem, K, states)
+    fast, of_fast = fast_gain(problem, K, states)
     effort, of_effort = noise(problem, K, states)
     grows, of_growth = growth(K, states)
     for weight, excess, of_excess in (
-        (HARM, harm.index, harm.of_index),
+        (HARM, harm.log_ratio, harm.of_index),
         (DAMPING, lacks[worst], -of_damping),
         (PEAK, peak - SENSITIVITY, of_peak),
+        (FAST, fast - FADED, of_fast),
         (EFFORT, effort - NOISE, of_effort),
         (OWN, grows + STABLE, of_growth),
     ):
@@ -124,7 +129,8 @@ def lacking(loop: Loop, at: Value) -> float:
 def judged(problem: Problem, K: Array, states: int) -> Judged:
     """What a controller does in all loops of a problem."""
     values = [value(each, K, states, gradient=False) for each in problem.loops]
-    return Judged(values, sensitivity(problem, K, states)[2], noise(problem, K, states)[0])
+    fast = fast_gain(problem, K, states)[0]
+    return Judged(values, sensitivity(problem, K, states)[2], fast, noise(problem, K, states)[0])
 
 
 def violated(problem: Problem, result: Judged) -> Array:
@@ -132,13 +138,13 @@ def violated(problem: Problem, result: Judged) -> Array:
     rows = zip(problem.loops, result.values, result.sensitivity, strict=True)
     return np.array(
         [
-            np.inf if not np.isfinite(v.index) else max(v.index, 10.0 * lacking(x, v), m - SENSITIVITY)
+            np.inf if not np.isfinite(v.log_ratio) else max(v.log_ratio, 10.0 * lacking(x, v), m - SENSITIVITY)
             for x, v, m in rows
         ]
     )
 
 
-def _responses(K: Array, states: int, hertz: Array) -> tuple[Complex, Complex, Complex]:
+def _responses(K: Array, states: int, hertz: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """K(s), and L and R with dK(s) = L dK R, at frequencies."""
     s = 2j * np.pi * hertz
     A, B, C, D = K[:states, :states], K[:states, states:], K[states:, :states], K[states:, states:]
@@ -153,14 +159,26 @@ def _responses(K: Array, states: int, hertz: Array) -> tuple[Complex, Complex, C
 def sensitivity(problem: Problem, K: Array, states: int) -> tuple[float, Array, Array]:
     """Largest singular value of (1 - K G)^-1 at the devices, its gradient by K, and the largest of each loop."""
     control, left, right = _responses(K, states, SENSED_HZ)
-    S = np.linalg.inv(np.eye(control.shape[1]) - control @ problem.responses)
+    responses = problem.responses[:, : len(SENSED_HZ)]
+    S = np.linalg.inv(np.eye(control.shape[1]) - control @ responses)
     u, sizes, v = np.linalg.svd(S)
     first = sizes[..., 0]
     at, f = np.unravel_index(int(np.argmax(first)), first.shape)
     a = S[at, f].conj().T @ u[at, f, :, 0]
-    b = problem.responses[at, f] @ S[at, f] @ v[at, f, 0].conj()
+    b = responses[at, f] @ S[at, f] @ v[at, f, 0].conj()
     gradient = np.outer(left[f].T @ a.conj(), right[f] @ b).real
     return float(first[at, f]), gradient, first.max(axis=1)
+
+
+def fast_gain(problem: Problem, K: Array, states: int) -> tuple[float, Array]:
+    """Largest singular value of K G at FAST_HZ, and its gradient by K."""
+    control, left, right = _responses(K, states, np.array(FAST_HZ))
+    responses = problem.responses[:, len(SENSED_HZ) :]
+    u, sizes, v = np.linalg.svd(control @ responses)
+    at, f = np.unravel_index(int(np.argmax(sizes[..., 0])), sizes.shape[:2])
+    b = responses[at, f] @ v[at, f, 0].conj()
+    gradient = np.outer(left[f].T @ u[at, f, :, 0].conj(), right[f] @ b).real
+    return float(sizes[at, f, 0]), gradient
 
 
 def noise(problem: Problem, K: Array, states: int) -> tuple[float, Array]:

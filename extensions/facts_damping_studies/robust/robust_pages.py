@@ -42,7 +42,7 @@ def text(design: RobustDesign) -> Iterator[str]:
     rows = [
         [
             each.structure.name,
-            "-" if not np.isfinite(each.judged.index) else f"{np.exp(each.judged.index):.3f}",
+            "-" if not np.isfinite(each.judged.log_ratio) else f"{np.exp(each.judged.log_ratio):.3f}",
             "kept" if each.kept else f"violated by {each.violation:.2g}",
             "taken" if each is chosen else "",
         ]
@@ -111,7 +111,7 @@ def document(design: RobustDesign) -> dict[str, Any]:
             {
                 "name": each.structure.name,
                 "states": each.structure.states,
-                "index": float(np.exp(each.judged.index)) if np.isfinite(each.judged.index) else None,
+                "index": float(np.exp(each.judged.log_ratio)) if np.isfinite(each.judged.log_ratio) else None,
                 "kept": each.kept,
                 "taken": each is design.chosen,
             }

@@ -97,7 +97,7 @@ def scenarios(case: Case, signals: Sequence[str], outages: int, drifts: int, job
 def worst(case: Case, lines: Sequence[str], progress: Callable[[int, int], None]) -> list[str]:
     """Lines sorted by how far their outages move the modes, a sum of relative distances, the farthest first."""
     intact = build(case.system, case.run.devices, [], sparse=True)
-    values, left, right = _vectors(intact)
+    values, left, right = modes_of(intact)
     moved: dict[float, str] = {}
     for first in range(0, len(lines), AT_ONCE):
         part = lines[first : first + AT_ONCE]
@@ -129,7 +129,7 @@ def without(system: System, line: str) -> System:
     return system.model_copy(update={"lines": [row for row in system.lines if row.name != line], "pmus": pmus})
 
 
-def _vectors(built: Built) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+def modes_of(built: Built) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
     """Eigenvalues of the modes in the band, with w v = 1."""
     values, left, right = eigenvectors(state_matrix(built)[0])
     low, high = BAND_HZ

@@ -2,7 +2,7 @@
 
 - Lead-lag: u_d = sum_s k s Tw/(1 + s Tw) ((1 + s T1)/(1 + s T2))^2 y_s, a channel for each pair of device and signal;
   decentralised with a signal for each device.
-- Free: all entries of K, of any order.
+- Free: all entries of K but D, of any order.
 
 Signals are relative to their size, setpoints to their limits.
 """
@@ -35,6 +35,7 @@ class Structure(NamedTuple):
     matrix: Callable[[Array], Array]
     states: int
     gains: NDArray[np.bool_]  # (parameters,)
+    used: NDArray[np.bool_] | None = None  # entries of K that are the parameters; None: K is made of them otherwise
 
     def weaker(self, parameters: Array, factor: float) -> Array:
         """The parameters with all setpoints times a factor."""
@@ -42,11 +43,12 @@ class Structure(NamedTuple):
 
     def gradient(self, parameters: Array, of_K: Array) -> Array:
         """The gradient by the parameters of what has a gradient by K; slopes of K by central differences."""
-        if of_K.size == len(parameters):  # free
-            return of_K.ravel()
+        if self.used is not None:
+            used: Array = of_K[self.used]
+            return used
         steps = STEP * np.eye(len(parameters))
         slopes = [(self.matrix(parameters + s) - self.matrix(parameters - s)) / (2.0 * STEP) for s in steps]
-        return np.einsum("pij,ij->p", np.array(slopes), of_K)
+        return np.asarray(np.einsum("pij,ij->p", np.array(slopes), of_K))
 
 
 class Channel(NamedTuple):
@@ -111,6 +113,14 @@ def _section(gain: float, T1: float, T2: float) -> tuple[Array, Array, Array, Ar
 
 
 def free(name: str, K: Array, states: int) -> Structure:
-    """All entries of a matrix, those of A in units of 1/s."""
-    gains = np.broadcast_to(np.arange(len(K))[:, None] >= states, K.shape).ravel()
-    return Structure(name, K.ravel(), lambda parameters: parameters.reshape(K.shape), states, gains)
+    """All entries of a matrix but D, which is zero: the law's gain falls with the frequency; those of A are in 1/s."""
+    used = np.ones(K.shape, bool)
+    used[states:, states:] = False
+    gains = np.broadcast_to(np.arange(len(K))[:, None] >= states, K.shape)[used]
+
+    def matrix(parameters: Array) -> Array:
+        whole = np.zeros(K.shape)
+        whole[used] = parameters
+        return whole
+
+    return Structure(name, K[used], matrix, states, gains, used)

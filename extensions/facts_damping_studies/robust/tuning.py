@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 ROUNDS, JOIN = 3, 4  # rounds of tuning, and loops that join after each
 FALLING, WEAKER = 0.7, 25  # of the gain of a start that is unstable somewhere, and how often at most
+ROUND_OFF = 1e-4  # of a violation
 SLOWLY, OFTEN = 0.95, 60  # the same of a law that violates demands
 TURNED = 0.1  # violation from which on an inverted device is looked for
 
@@ -37,14 +38,14 @@ class Tuned(NamedTuple):
     structure: Structure
     parameters: Array
     judged: Judged
-    violation: float  # largest; at most 0: all demands are kept
+    violation: float  # largest; at most ROUND_OFF: all demands are kept
     value: float  # of the objective, in all loops
     inverted: dict[str, list[int]]  # by scenario: devices that act the other way round
 
     @property
     def kept(self) -> bool:
         """Whether all demands are kept."""
-        return self.violation <= 0.0
+        return self.violation <= ROUND_OFF
 
     @property
     def K(self) -> Array:
@@ -131,5 +132,5 @@ def best(results: Sequence[Tuned]) -> Tuned:
     """The law with the least index of those that keep all demands; of none that do, the one that is nearest."""
     keeping = [result for result in results if result.kept]
     if keeping:
-        return min(keeping, key=lambda result: result.judged.index)
+        return min(keeping, key=lambda result: result.judged.log_ratio)
     return min(results, key=lambda result: result.violation)
