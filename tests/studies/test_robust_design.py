@@ -15,7 +15,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.control.linear_law import Matrices
 from facts_damping.plant.build import build
-from facts_damping.small_signal.linearisation import linear_model
+from facts_damping.small_signal.linearisation import linear_model, state_matrix
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from facts_damping_studies.robust import (
     certificate,
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
+    from facts_damping.parameters.plant.system import System
 
 SIGNALS = ["frequency", "f13"]
 DELAYS = [0.1, 0.2]
@@ -186,12 +187,17 @@ def test_lead_lags_are_their_transfer_functions() -> None:
 def test_outages_are_in_the_order_in_which_they_move_modes(case: Case) -> None:
     """The first by the estimate moves the eigenvalues of the plants themselves nearly as far as any."""
     lines = meshed_lines(case.system)
-    estimated = grids.worst(case, lines, lambda _done, _of: None)
-    intact = build(case.system, case.run.devices, [], sparse=True)
-    values, _, _ = grids.modes_of(intact)
+
+    def swings(system: System) -> Any:
+        matrix, _ = state_matrix(build(system, case.run.devices, [], sparse=True))
+        return modal_plants.vectors(matrix)
+
+    near = swings(case.system)
+    estimated = grids.worst(case, lines, near, lambda _done, _of: None)
+    values = grids.swinging(near).values
 
     def distance(line: str) -> float:
-        other, _, _ = grids.modes_of(build(grids.without(case.system, line), case.run.devices, [], sparse=True))
+        other = grids.swinging(swings(grids.without(case.system, line))).values
         return float(sum(np.abs(other - value).min() / abs(value) for value in values))
 
     distances = [distance(line) for line in estimated]

@@ -166,8 +166,12 @@ def tune(task: TuningTask) -> Tuned:
 
 def again(of: Problem, result: Tuned, evaluations: int, seed: int) -> list[TuningTask]:
     """A tuned structure, to be tuned from where it is with OTHER_EFFORTS."""
-    structure = result.structure._replace(start=result.parameters)
-    return [TuningTask(of.with_effort(effort), structure, evaluations, seed) for effort in OTHER_EFFORTS]
+    tasks = []
+    for effort in OTHER_EFFORTS:
+        name = f"{result.structure.name}, weight {effort / EFFORT:g}"
+        structure = result.structure._replace(name=name, start=result.parameters)
+        tasks.append(TuningTask(of.with_effort(effort), structure, evaluations, seed))
+    return tasks
 
 
 def _quiet(_done: int, _of: int) -> None:

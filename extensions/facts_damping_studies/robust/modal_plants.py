@@ -105,15 +105,28 @@ class ModalPlant(NamedTuple):
         return whole
 
 
+class Vectors(NamedTuple):
+    """Eigenvalues, 1/s, and left and right eigenvectors in columns, w v = 1."""
+
+    values: Complex
+    left: Complex
+    right: Complex
+
+
+def vectors(matrix: Array | Descriptor) -> Vectors:
+    """Those of a state matrix."""
+    values, left, right = eigenvectors(matrix)
+    return Vectors(values, left / np.einsum("im,im->m", left, right), right)
+
+
 def modal_plant(case: Case, built: Built, signals: Sequence[str]) -> ModalPlant:
     """The modes of a plant as it is built, with signals of a case and all its devices."""
     system = case.system
     chosen_signals = {name: system.signals[name] for name in signals}
     model = linear_model(built, chosen_signals, [pmu.name for pmu in system.pmus], case.filter, case.run.frame_rate)
-    values, left, right = eigenvectors(model.matrix)
+    values, left, right = vectors(model.matrix)
     chosen = (values.imag >= 0.0) & (np.abs(values) < FASTEST)
     values, left, right = values[chosen], left[:, chosen], right[:, chosen]
-    left = left / np.einsum("im,im->m", left, right)
     B, C, Z = left.T @ model.B, model.C @ right, speed_differences(case, built) @ right
     G = left.T @ torques(case, built)
     apart = np.maximum(np.abs(values.real), STILL)

@@ -118,8 +118,10 @@ def designed(task: RobustTask, tell: Tell) -> RobustDesign:
     results: list[Tuned] = run_all(tune, tasks, task.jobs, tell("design", "laws"))
     first = best(results)
     more = again(of.inverted(first.inverted), first, EVALUATIONS, case.run.seed)
-    results += run_all(tune, more, task.jobs, tell("design", "laws with other weights"))
-    rivals = [first, *(result._replace(inverted=first.inverted) for result in results[-len(more) :] if result.kept)]
+    others: list[Tuned] = run_all(tune, more, task.jobs, tell("design", "laws with other weights"))
+    others = [each._replace(inverted=first.inverted) for each in others]
+    results += others
+    rivals = [first, *(each for each in others if each.kept)]
     laws = [sound(law_of(each, setting, size, len(devices)), grids, each.inverted, checked_at) for each in rivals]
     compared = trials.compared(
         trials.drawn(case, _lines(grids), task.jobs, tell("design", "events")),

@@ -11,6 +11,7 @@ A lost signal or device changes no plant: the controller goes on without it.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,10 +19,9 @@ import numpy as np
 
 from facts_damping.errors import FactsDampingError
 from facts_damping.parameters.events import LineSwitch
-from facts_damping.plant.build import Built, build
-from facts_damping.small_signal.eigenmodes import eigenvectors
+from facts_damping.plant.build import build
 from facts_damping.small_signal.linearisation import state_matrix
-from facts_damping_studies.robust.modal_plants import BAND_HZ, ModalPlant, modal_plant, shifted
+from facts_damping_studies.robust.modal_plants import BAND_HZ, ModalPlant, Vectors, modal_plant, shifted, vectors
 from facts_damping_studies.robust.plants import ReducedPlant, reduced
 from facts_damping_studies.score.cases.drawing import meshed_lines
 from facts_damping_studies.score.reference import in_interval
@@ -29,8 +29,6 @@ from facts_damping_studies.sweeps.pool import run_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
     from facts_damping.parameters.events import Event
@@ -85,19 +83,22 @@ class _Task(NamedTuple):
 def scenarios(case: Case, signals: Sequence[str], outages: int, drifts: int, jobs: int, tell: Tell) -> Scenarios:
     """The intact grid, the worst `outages` and some drawn `drifts` of a case, as its devices and the signals see it."""
     lines = meshed_lines(case.system) if outages else []
-    chosen = [_Task(case, signals, INTACT, case.system)]
-    out = worst(case, lines, tell("design", "outages"))[:outages]
-    chosen += [_Task(case, signals, f"without {line}", without(case.system, line), line) for line in out]
-    chosen += _drifts(case, signals, drifts)
+    intact = build(case.system, case.run.devices, [], sparse=True)
+    near = vectors(state_matrix(intact)[0])
+    out = worst(case, lines, near, tell("design", "outages"))[:outages]
+    named: list[tuple[str, System, str | None]] = [(INTACT, case.system, None)]
+    named += [(f"without {line}", without(case.system, line), line) for line in out]
+    named += [(f"drift {i + 1}", system, None) for i, system in enumerate(_drifts(case, drifts))]
+    chosen = [_Task(case, signals, name, system, line) for name, system, line in named]
     examined: list[Scenario | str] = run_all(_examined, chosen, jobs, tell("design", "scenarios"))
     possible = [result for result in examined if isinstance(result, Scenario)]
     return Scenarios(possible, len(lines), [name for name in examined if isinstance(name, str)])
 
 
-def worst(case: Case, lines: Sequence[str], progress: Callable[[int, int], None]) -> list[str]:
+def worst(case: Case, lines: Sequence[str], near: Vectors, progress: Callable[[int, int], None]) -> list[str]:
     """Lines sorted by how far their outages move the modes, a sum of relative distances, the farthest first."""
     intact = build(case.system, case.run.devices, [], sparse=True)
-    values, left, right = modes_of(intact)
+    values, left, right = swinging(near)
     moved: dict[float, str] = {}
     for first in range(0, len(lines), AT_ONCE):
         part = lines[first : first + AT_ONCE]
@@ -129,29 +130,25 @@ def without(system: System, line: str) -> System:
     return system.model_copy(update={"lines": [row for row in system.lines if row.name != line], "pmus": pmus})
 
 
-def modes_of(built: Built) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
-    """Eigenvalues of the modes in the band, with w v = 1."""
-    values, left, right = eigenvectors(state_matrix(built)[0])
+def swinging(of: Vectors) -> Vectors:
+    """The vectors of modes in the band that are little damped."""
     low, high = BAND_HZ
-    hertz = values.imag / (2.0 * np.pi)
-    chosen = (hertz > low) & (hertz < high) & (-values.real < SWINGING * np.abs(values))
-    values, left, right = values[chosen], left[:, chosen], right[:, chosen]
-    return values, left / np.einsum("im,im->m", left, right), right
+    hertz = of.values.imag / (2.0 * np.pi)
+    chosen = (hertz > low) & (hertz < high) & (-of.values.real < SWINGING * np.abs(of.values))
+    return Vectors(of.values[chosen], of.left[:, chosen], of.right[:, chosen])
 
 
-def _drifts(case: Case, signals: Sequence[str], drifts: int) -> list[_Task]:
+def _drifts(case: Case, drifts: int) -> list[System]:
     random = np.random.default_rng([case.run.seed, drifts])
-    tasks = []
-    for i in range(drifts):
-        for _ in range(DRAWS):
-            system = drifted(case.system, random)
-            try:
-                build(system, case.run.devices, [], sparse=True)
-            except FactsDampingError:
-                continue
-            tasks.append(_Task(case, signals, f"drift {i + 1}", system))
+    systems: list[System] = []
+    for _ in range(DRAWS * drifts):
+        if len(systems) == drifts:
             break
-    return tasks
+        system = drifted(case.system, random)
+        with suppress(FactsDampingError):
+            build(system, case.run.devices, [], sparse=True)
+            systems.append(system)
+    return systems
 
 
 def drifted(system: System, random: np.random.Generator) -> System:
