@@ -376,7 +376,7 @@ def devices() -> str:
 def ranking() -> str:
     """The page of cards with the ranking of each set, from the cards."""
     text = (ROOT / "docs" / RANKING).read_text(encoding="utf-8")
-    parts = [text[: text.find("\n## ")] if "\n## " in text else text.rstrip("\n")]
+    parts = [text.partition("\n## ")[0].rstrip("\n")]
     for folder in sorted(path for path in (ROOT / "cards").iterdir() if path.is_dir()):
         case_set = read_set(folder.name)
         cards = ranked(cards_of(case_set, stored_entries(case_set)))
