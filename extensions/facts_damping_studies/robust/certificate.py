@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 LONGEST_S, STEP_S = 1.0, 0.04  # of delays in the search for the margin
 LOUDEST, QUIETEST = 16.0, 1.0 / 64.0  # of the factor in the search for the gain margin
+DRIFT = 1e-3  # 1/s, of common motions of all rotors, by round-off
 CHARTED = 0.3  # largest damping ratio in a chart
 HALVINGS = 8  # of an interval in which a margin lies
 
@@ -78,7 +79,7 @@ class Row(NamedTuple):
     damping: float
     hertz: float
     without: float
-    stable: bool
+    stable: bool  # no mode grows more than without control
     modes: list[tuple[float, float]]  # Hz and damping ratio of those charted, with the law
 
 
@@ -112,6 +113,11 @@ def least_damped(values: Complex) -> tuple[float, float]:
     return float(ratios[i]), float(hertz[inside[i]])
 
 
+def edge(plant: ModalPlant) -> float:
+    """The growth (1/s) from which a loop counts as unstable: above that of the plant, which may drift."""
+    return max(0.0, float(plant.values.real.max())) + DRIFT
+
+
 def charted(values: Complex) -> list[tuple[float, float]]:
     """Frequency (Hz) and damping ratio of the modes in the band that a chart shows."""
     low, high = BAND_HZ
@@ -131,7 +137,8 @@ def _rows(name: str, plant: ModalPlant, law: Law, delays: Sequence[float]) -> li
     for delay in delays:
         values = eigenvalues(loop, delay)
         ratio, hertz = least_damped(values)
-        listed.append(Row(name, delay, ratio, hertz, before, bool(values.real.max() < 0.0), charted(values)))
+        stable = bool(values.real.max() < edge(plant))
+        listed.append(Row(name, delay, ratio, hertz, before, stable, charted(values)))
     return listed
 
 
@@ -148,7 +155,7 @@ def delay_margin(plant: ModalPlant, law: Law, delay: float) -> float:
     loop = delayed_loop_of(plant, law)
 
     def stable(at: float) -> bool:
-        return bool(eigenvalues(loop, at).real.max() < 0.0)
+        return bool(eigenvalues(loop, at).real.max() < edge(plant))
 
     if not stable(delay):
         return 0.0
@@ -162,7 +169,7 @@ def gain_margin(plant: ModalPlant, law: Law, delay: float) -> tuple[float, float
     """Factors of all setpoints between which the loop is stable; searched from QUIETEST to LOUDEST."""
 
     def stable(factor: float) -> bool:
-        return bool(eigenvalues(delayed_loop_of(plant, law.scaled(factor)), delay).real.max() < 0.0)
+        return bool(eigenvalues(delayed_loop_of(plant, law.scaled(factor)), delay).real.max() < edge(plant))
 
     edges = []
     for step, end in ((0.5, QUIETEST), (2.0, LOUDEST)):

@@ -79,5 +79,15 @@ def _run(task: Task, system: System, devices: list[str], delay: float | None) ->
         seconds = task.delay if delay is None else delay
         half = {"stage": "network", "model": "constant", "delay": seconds / 2}
         fields["link"] = {"up": [half], "down": [dict(half)]} if seconds > 0.0 else "ideal"
-    own = {"description": f"{system.name}, law by facts-damping design", "system": system.model_dump(by_alias=True)}
-    return {**own, "scenario": [], "devices": devices, "controllers": [], "frame_rate": design.FRAME_RATE, **fields}
+    system_part = {
+        "description": f"{system.name}, law by facts-damping design",
+        "system": system.model_dump(by_alias=True),
+    }
+    return {
+        **system_part,
+        "scenario": [],
+        "devices": devices,
+        "controllers": [],
+        "frame_rate": design.FRAME_RATE,
+        **fields,
+    }

@@ -86,12 +86,12 @@ def starts(
     of: Problem, scenario: Scenario, setting: Setting, delay: float, size: Array, laws: Sequence[str]
 ) -> list[Structure]:
     """The structures that are tuned, each from where it starts."""
-    found = {
+    makers = {
         "lead-lag": lambda: _lead_lags(scenario, setting, delay, size),
         "LQG": lambda: _lqg(of, setting),
         "Hinf": lambda: _h_infinity(of),
     }
-    return [structure for law in laws for structure in found[law]()]
+    return [structure for law in laws for structure in makers[law]()]
 
 
 def _lead_lags(scenario: Scenario, setting: Setting, delay: float, size: Array) -> list[Structure]:

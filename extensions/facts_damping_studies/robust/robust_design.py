@@ -231,7 +231,7 @@ def sound(law: Law, grids: Scenarios, inverted: Mapping[str, Sequence[int]], del
     counted = [each for each in grids.all if each.name not in inverted]
     for _ in range(WEAKER):
         listed = certificate.rows(counted, law, [delays[0], delays[-1]])
-        if all(row.stable or row.without < 0.0 for row in listed):
+        if all(row.stable for row in listed):
             break
         law = law.scaled(SLOWLY)
     return law
@@ -258,7 +258,7 @@ def violations(design: RobustDesign) -> list[str]:
     sentences = [
         f"{row.scenario}, {1e3 * row.delay:.0f} ms: damping ratio {row.damping:.4f}, without control {row.without:.4f}"
         for row in design.counted
-        if row.damping < min(row.without, ENOUGH) - LOST - EXACT or (not row.stable and row.without > 0.0)
+        if row.damping < min(row.without, ENOUGH) - LOST - EXACT or not row.stable
     ]
     if design.effort > NOISE:
         sentences.append(f"noise moves setpoints by {100 * design.effort:.1f} % of their limits")
