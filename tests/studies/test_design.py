@@ -284,7 +284,8 @@ def test_mode_that_needs_damping_is_taken_before_interarea_modes_that_do_not() -
 
 
 def test_ranking_is_shown_where_nothing_is_to_be_designed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["design", SYSTEM, *"--law residue --damping 0.001 --mode 1.12 --place sssc --jobs 1".split()]) == 2
+    asked = ["--law", "residue", "--damping", "0.001", "--mode", "1.12", "--place", "sssc", "--jobs", "1"]
+    assert main(["design", SYSTEM, *asked]) == 2
     shown = capsys.readouterr()
     assert "places: controllability" in shown.out
     assert "already; allowed: a higher ratio, or another --mode" in shown.err

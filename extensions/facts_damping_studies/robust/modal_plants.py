@@ -12,7 +12,7 @@ Power System Stability and Control, 1994, 12.3; modal truncation: G. Rogers, Pow
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -140,7 +140,8 @@ def modal_plant(case: Case, built: Built, signals: Sequence[str]) -> ModalPlant:
     still = values[~stays & (hertz > low) & (hertz < high)]
     filters = model.filtered
     if filters is not None:
-        filters = filters._replace(C=filters.C @ right[:, stays])
+        seen: Any = filters.C @ right[:, stays]  # complex here, real in `linear_model_of`
+        filters = filters._replace(C=seen)
     dead = np.broadcast_to(np.asarray(model.dead_time, float), (model.B.shape[1],))
     parts = values[stays], swings, B[stays], C[:, stays], np.zeros_like(model.D), R, Z[:, stays], still
     return fitted(ModalPlant(*parts, filters, dead, 0.0), model)
