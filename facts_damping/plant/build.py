@@ -68,8 +68,8 @@ def build(
 ) -> Built:
     """Power flow, steady state of machines, controls and devices, and the reduced network of every interval.
 
-    `watchdog`: a row of WATCHDOG; None: off. `noisy`: loads that `with_noise` gives noise. `sparse`: even if small, to be
-    linearised fast. Raises `InputError` without a power flow, and for impossible limits or events.
+    `watchdog`: a row of WATCHDOG; None: off. `noisy`: loads that `with_noise` gives noise. `sparse`: even if small,
+    to be linearised fast. Raises `InputError` without a power flow, and for impossible limits or events.
     """
     steps = topology_intervals(system, listed)
     loads = _loads_at_ports(system, noisy, listed)
