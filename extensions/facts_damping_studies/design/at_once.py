@@ -12,7 +12,7 @@ act as they are: w B. What is left out: that a device changes the power flow, an
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.pmus import Pmu
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.grid.network import line_section
-from facts_damping.small_signal.descriptor import Descriptor, eigenvalue_near
+from facts_damping.small_signal.descriptor import eigenvalue_near
 from facts_damping.small_signal.eigenmodes import speeds
 from facts_damping.small_signal.linearisation import LinearModel, linear_model
 from facts_damping_studies.design import devices_alone
@@ -31,8 +31,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.compiling.structs import Complex1, Complex2, Float2, Int1, Int2
+    from facts_damping.compiling.structs import Complex1, Complex2, Complex3, Int2
     from facts_damping.parameters.plant.system import Device, System
+    from facts_damping.small_signal.descriptor import Descriptor
     from facts_damping.small_signal.eigenmodes import Eigenmode
     from facts_damping_studies.design.devices_alone import Alone
 
@@ -65,6 +66,11 @@ class Ports(NamedTuple):
     feed: Complex2  # (ports, 2)
     direct: Complex1  # (ports,)
     rest: Complex1  # (ports,), response at rest, p.u.
+
+    def of(self, rows: Sequence[int]) -> Ports:
+        """Some of the ports."""
+        some = list(rows)
+        return Ports(self.ends[some], self.read[some], self.feed[some], self.direct[some], self.rest[some])
 
 
 class Mode(NamedTuple):
@@ -99,24 +105,29 @@ def effects(system: System, devices: Sequence[Device], modes: Sequence[Eigenmode
         if not isinstance(device, AtUnit):
             kinds.setdefault(device.kind, []).append(i)
     for places in kinds.values():
-        ports = _ports(grid, [devices[i] for i in places])
-        omega_0, base = grid.built.plant.omega_0, system.base_power
-        rest = [
-            devices_alone.at_rest(devices[i], response, omega_0, base)
-            for i, response in zip(places, ports.rest.tolist(), strict=True)
-        ]
-        for i, each in zip(places, rest, strict=True):
-            why_not[i] = each.why_not
-        can = [j for j, each in enumerate(rest) if not each.why_not]
-        if not can:
-            continue
-        ports, at = Ports(*(part[can] for part in ports)), [places[j] for j in can]
-        alone = devices_alone.linear(grid.built.plant, [devices[i] for i in at], [rest[j] for j in can], ports.rest)
-        for k, mode in enumerate(found):
-            values[k, at], control[k, at] = _closed(
-                alone, mode, *_seen_and_moved(mode, ports), _others(grid, mode, ports)
-            )
+        of_kind = _of_kind(grid, [devices[i] for i in places], found)
+        values[:, places], control[:, places] = of_kind.values, of_kind.controllability
+        for i, reason in zip(places, of_kind.why_not, strict=True):
+            why_not[i] = reason
     return Effect(values, control, why_not)
+
+
+def _of_kind(grid: Grid, devices: Sequence[Device], modes: Sequence[Mode]) -> Effect:
+    """Effect of devices of a kind with ports."""
+    ports, plant = _ports(grid, devices), grid.built.plant
+    rest = [
+        devices_alone.at_rest(device, response, plant.omega_0, grid.system.base_power)
+        for device, response in zip(devices, ports.rest.tolist(), strict=True)
+    ]
+    can = [i for i, each in enumerate(rest) if not each.why_not]
+    values, control = np.full((2, len(modes), len(devices)), np.nan + 0j)
+    if can:
+        ports = ports.of(can)
+        alone = devices_alone.linear(plant, [devices[i] for i in can], [rest[i] for i in can], ports.rest)
+        for k, mode in enumerate(modes):
+            seen, moved = _seen_and_moved(mode, ports)
+            values[k, can], control[k, can] = _closed(alone, mode, seen, moved, _others(grid, mode, ports))
+    return Effect(values, control, [each.why_not for each in rest])
 
 
 def _grid(system: System, at_units: Sequence[Device]) -> Grid:
@@ -132,8 +143,7 @@ def _grid(system: System, at_units: Sequence[Device]) -> Grid:
     inputs, fed = machines + len(plant.infinite) + ports, machines + ports
     at = net.outputs.row[net.outputs.begin[fed : fed + len(probes)]] - inputs
     bus = {bus.name: int(i) for bus, i in zip(placed.buses, at, strict=True) if i >= 0}
-    assert isinstance(model.matrix, Descriptor)
-    return Grid(placed, built, model, model.matrix, bus, 2 * fed, len(net.lower.begin) - 1)
+    return Grid(placed, built, model, cast("Descriptor", model.matrix), bus, 2 * fed, len(net.lower.begin) - 1)
 
 
 def _free(name: str, names: set[str]) -> str:
@@ -187,13 +197,13 @@ def _turned(y: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 def _seen_and_moved(mode: Mode, ports: Ports) -> tuple[Complex2, Complex2]:
-    """c v and w b of ports, (ports, 2)."""
+    """C v and w b of ports, (ports, 2)."""
     seen = np.einsum("peij,ipe->pj", _turned(ports.read).swapaxes(-1, -2), mode.voltage[:, ports.ends])
     moved = np.einsum("ipe,peij->pj", mode.moved_by[:, ports.ends], _turned(ports.feed))
     return seen, moved
 
 
-def _others(grid: Grid, mode: Mode, ports: Ports) -> NDArray[np.complex128]:
+def _others(grid: Grid, mode: Mode, ports: Ports) -> Complex3:
     """Z: responses of ports to their own sources without the mode, (ports, 2, 2)."""
     from scipy.sparse import csc_array  # noqa: PLC0415 (runs do without it)
     from scipy.sparse.linalg import splu  # noqa: PLC0415
@@ -219,12 +229,11 @@ def _others(grid: Grid, mode: Mode, ports: Ports) -> NDArray[np.complex128]:
                 Z[here, a, b] = voltage[:, ends[here, a], :, column] * there
     own = np.einsum("paij,pabjk,pbkl->pil", _turned(ports.read), Z, _turned(ports.feed)) + _turned(ports.direct)
     seen, moved = _seen_and_moved(mode, ports)
-    return own - seen[:, :, None] * moved[:, None, :] / (s - mode.value)
+    others: Complex3 = own - seen[:, :, None] * moved[:, None, :] / (s - mode.value)
+    return others
 
 
-def _closed(
-    alone: Alone, mode: Mode, seen: Complex2, moved: Complex2, Z: NDArray[np.complex128]
-) -> tuple[Complex1, Complex1]:
+def _closed(alone: Alone, mode: Mode, seen: Complex2, moved: Complex2, Z: Complex3) -> tuple[Complex1, Complex1]:
     """Eigenvalue and controllability with each device at its port."""
 
     def at(s: Complex1) -> tuple[Complex1, Complex1]:
@@ -233,7 +242,8 @@ def _closed(
         answer = np.einsum("pi,pij->pj", moved, np.linalg.solve(np.eye(2) - G @ Z, right))
         return answer[:, 0], answer[:, 1]
 
-    s, step = np.full(len(seen), mode.value), 1e-4 * abs(mode.value)
+    s: Complex1 = np.full(len(seen), mode.value, np.complex128)
+    step = 1e-4 * abs(mode.value)
     for _ in range(STEPS):
         slope = (at(s + step)[0] - at(s - step)[0]) / (2.0 * step)
         s = s - (s - mode.value - at(s)[0]) / (1.0 - slope)

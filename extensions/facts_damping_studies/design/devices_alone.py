@@ -9,7 +9,6 @@ import numpy as np
 from facts_damping.compiling.structs import Table
 from facts_damping.devices.base import Series
 from facts_damping.devices.kind import Site
-from facts_damping.devices.table import KINDS
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.numerics.phasors import exponentials
 from facts_damping.plant.converters import dispatch
@@ -53,9 +52,10 @@ class Alone(NamedTuple):
     def at(self, s: Complex1) -> tuple[Complex3, Complex3]:
         """Transfer functions from response and from setpoint to source, each device at its own s (1/s)."""
         turned = s[:, None, None] * np.eye(self.A.shape[1]) - self.A
-        answer = self.C @ np.linalg.solve(turned, np.concatenate([self.B, self.b[:, :, None]], axis=2))
+        answer: Complex3 = self.C @ np.linalg.solve(turned, np.concatenate([self.B, self.b[:, :, None]], axis=2))
         late = exponentials(-s * self.dead_time)
-        return self.D + answer[:, :, :2], (self.d[:, :, None] + answer[:, :, 2:]) * late[:, None, None]
+        from_response: Complex3 = self.D + answer[:, :, :2]
+        return from_response, (self.d[:, :, None] + answer[:, :, 2:]) * late[:, None, None]
 
 
 class AtRest(NamedTuple):
@@ -91,9 +91,9 @@ def linear(plant: Plant, devices: Sequence[Device], rest: Sequence[AtRest], resp
 def _linear(plant: Plant, devices: Sequence[Device], rest: Sequence[AtRest], responses: Complex1) -> Alone:
     many, n = len(devices), len(rest[0].states)
     placed = np.array([each.row for each in rest])
-    of_kind = placed[devices[0].kind]
-    for offset in (placed["offset"], placed["lag"], of_kind["offset"]):
-        offset += n * np.arange(many)
+    of_kind, first = placed[devices[0].kind], n * np.arange(many)
+    for table, field in ((placed, "offset"), (placed, "lag"), (of_kind, "offset")):
+        table[field] += first
     placed["port"] = np.arange(many)
     ports = np.array([(DEVICE, i, each.minimum, each.maximum) for i, each in enumerate(rest)], PORT)
     state = PlantState(
@@ -109,9 +109,8 @@ def _linear(plant: Plant, devices: Sequence[Device], rest: Sequence[AtRest], res
     whole = jacobian.toarray()[rows[:, :, None], columns[:, None, :]]
     D = whole[:, n:, n : n + 2] + np.array([_impedance(device) for device in devices])
     dead = np.array([device.dead_time for device in devices])
-    return Alone(
-        whole[:, :n, :n], whole[:, :n, n : n + 2], whole[:, :n, n + 2], whole[:, n:, :n], D, whole[:, n:, n + 2], dead
-    )
+    B, b = whole[:, :n, n : n + 2], whole[:, :n, n + 2]
+    return Alone(whole[:, :n, :n], B, b, whole[:, n:, :n], D, whole[:, n:, n + 2], dead)
 
 
 def _of_devices(plant: Plant, placed: NDArray[Any], ports: NDArray[Any]) -> Plant:

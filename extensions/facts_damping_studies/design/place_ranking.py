@@ -13,6 +13,7 @@ import numpy as np
 from facts_damping.devices.base import Parallel, Series
 from facts_damping_studies.design import at_once, places
 from facts_damping_studies.design.places import Trial, Tried
+from facts_damping_studies.sweeps.pool import run_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from facts_damping_studies.design.places import Place
 
 BEST = 6  # places of each sort that are analysed with the device
+LARGE = 500  # buses from which on that pays in several processes
 
 
 def ranked(
@@ -30,11 +32,11 @@ def ranked(
     modes: Sequence[Eigenmode],
     target: int,
     paired: Callable[[Sequence[Tried]], set[int]],
+    jobs: int,
     progress: Callable[[int, int], None],
 ) -> list[Tried]:
     """Analyses of all places. `paired`: indices of those of the best pairs."""
     trials = [Trial(system, candidate, modes) for candidate in candidates]
-    progress(0, len(trials))
     new = [i for i, candidate in enumerate(candidates) if not candidate.own]
     effect = at_once.effects(system, [candidates[i].device for i in new], modes)
     observability = places.seen(system, modes)
@@ -46,15 +48,18 @@ def ranked(
     near = dict(zip(new, effect.values.T.tolist(), strict=True))
     exact = {i for i in found if found[i].why_not}
     again = {i for i, candidate in enumerate(candidates) if candidate.own}
+    jobs = jobs if len(system.buses) > LARGE else 1
     while again:
-        for i in sorted(again):
-            progress(len(exact), len(exact) + len(again))
-            found[i] = places.tried(trials[i], near.get(i))
-            exact.add(i)
+        some = sorted(again)
+        found |= zip(some, run_all(_again, [(trials[i], near.get(i)) for i in some], jobs, progress), strict=True)
+        exact |= again
         tried = [found[i] for i in range(len(trials))]
         again = (_strongest(tried, target) | paired(tried)) - exact
-    progress(1, 1)
     return [found[i] for i in range(len(trials))]
+
+
+def _again(task: tuple[Trial, Sequence[complex] | None]) -> Tried:
+    return places.tried(*task)
 
 
 def _strongest(tried: Sequence[Tried], target: int) -> set[int]:

@@ -298,8 +298,8 @@ def tried(trial: Trial, near: Sequence[complex] | None = None) -> Tried:
 
 def not_tried(trial: Trial, why_not: str) -> Tried:
     """A location where a device is impossible."""
-    none = np.full((len(trial.modes), len(trial.system.signals)), np.nan + 0j)
-    return Tried(trial.place, none[:, 0] if none.size else np.full(len(none), np.nan + 0j), none, why_not)
+    none = np.full((len(trial.modes), 1 + len(trial.system.signals)), np.nan + 0j)
+    return Tried(trial.place, none[:, 0], none[:, 1:], why_not)
 
 
 def _tried(
@@ -307,7 +307,7 @@ def _tried(
 ) -> tuple[Complex2, Complex2]:
     """Controllability (modes, devices) and observability (modes, signals) of the modes, found again with devices."""
     system = place(system)
-    built = build(system, devices, [], sparse=near is not None)
+    built = build(system, devices, [], sparse=len(devices) > 0 and near is not None)
     model = linearisation.linear_model(built, system.signals, [s.name for s in system.pmus])
     control = np.full((len(modes), len(devices)), np.nan + 0j)
     observe = np.full((len(modes), len(system.signals)), np.nan + 0j)
@@ -329,7 +329,7 @@ def _tried(
 
 
 def _beside(matrix: Float2 | Descriptor, near: Sequence[complex]) -> tuple[Complex1, Complex2, Complex2] | None:
-    """As `eigenmodes.eigenvectors`, of the modes nearest some values; twice, so that the error is squared twice."""
+    """As `eigenmodes.eigenvectors`, of the modes nearest some values, of a large grid; twice, as they are not exact."""
     if not isinstance(matrix, Descriptor):
         return None
     found = [eigenvalue_near(matrix, eigenvalue_near(matrix, guess)[0]) for guess in near]
