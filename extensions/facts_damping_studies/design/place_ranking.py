@@ -40,22 +40,22 @@ def ranked(
     new = [i for i, candidate in enumerate(candidates) if not candidate.own]
     effect = at_once.effects(system, [candidates[i].device for i in new], modes)
     observability = places.seen(system, modes)
-    found: dict[int, Tried] = {}
+    tried = [places.not_tried(trial, "") for trial in trials]
     for j, i in enumerate(new):
-        why_not = effect.why_not[j]
         about = Tried(candidates[i], effect.controllability[:, j], observability)
-        found[i] = places.not_tried(trials[i], why_not) if why_not else about
-    near = dict(zip(new, effect.values.T.tolist(), strict=True))
-    exact = {i for i in found if found[i].why_not}
-    again = {i for i, candidate in enumerate(candidates) if candidate.own}
-    jobs = jobs if len(system.buses) > LARGE else 1
-    while again:
+        tried[i] = places.not_tried(trials[i], effect.why_not[j]) if effect.why_not[j] else about
+    near = {i: None if tried[i].why_not else effect.values[:, j].tolist() for j, i in enumerate(new)}
+    large = len(system.buses) > LARGE
+    impossible = {i for i in new if tried[i].why_not}
+    exact = impossible if large else set[int]()
+    again = set(range(len(trials))) - set(new) | impossible - exact
+    while again := (again | _strongest(tried, target) | paired(tried)) - exact:
         some = sorted(again)
-        found |= zip(some, run_all(_again, [(trials[i], near.get(i)) for i in some], jobs, progress), strict=True)
-        exact |= again
-        tried = [found[i] for i in range(len(trials))]
-        again = (_strongest(tried, target) | paired(tried)) - exact
-    return [found[i] for i in range(len(trials))]
+        found = run_all(_again, [(trials[i], near.get(i)) for i in some], jobs if large else 1, progress)
+        for i, attempt in zip(some, found, strict=True):
+            tried[i] = attempt
+        exact = exact | again
+    return tried
 
 
 def _again(task: tuple[Trial, Sequence[complex] | None]) -> Tried:
