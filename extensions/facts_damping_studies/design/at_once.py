@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.small_signal.descriptor import Descriptor
     from facts_damping.small_signal.eigenmodes import Eigenmode
-    from facts_damping_studies.design.devices_alone import Alone
+    from facts_damping_studies.design.devices_alone import Alone, AtRest
 
 BESIDE = 0.01  # of an eigenvalue: distance from it at which Z is found
 COLUMNS = 64  # of buses, solved for at once
@@ -67,11 +67,6 @@ class Ports(NamedTuple):
     direct: Complex1  # (ports,)
     rest: Complex1  # (ports,), response at rest, p.u.
 
-    def of(self, rows: Sequence[int]) -> Ports:
-        """Some of the ports."""
-        some = list(rows)
-        return Ports(self.ends[some], self.read[some], self.feed[some], self.direct[some], self.rest[some])
-
 
 class Mode(NamedTuple):
     """A mode of the grid, the speed of the fastest unit one, with the buses' voltages and what their currents do."""
@@ -81,6 +76,19 @@ class Mode(NamedTuple):
     right: Complex1
     voltage: Complex2  # (2, buses + 1), real and imaginary parts; the last is zero
     moved_by: Complex2  # (2, buses + 1), w b of a current into a bus
+
+
+class Around(NamedTuple):
+    """What a mode does at ports and their sources do to it, c v and w b, (ports, 2), and Z, (ports, 2, 2)."""
+
+    seen: Complex2
+    moved: Complex2
+    others: Complex3
+
+    def of(self, rows: Sequence[int]) -> Around:
+        """Of some of the ports."""
+        some = list(rows)
+        return Around(self.seen[some], self.moved[some], self.others[some])
 
 
 class Effect(NamedTuple):
@@ -94,40 +102,31 @@ class Effect(NamedTuple):
 def effects(system: System, devices: Sequence[Device], modes: Sequence[Eigenmode]) -> Effect:
     """Effect of new devices on modes of a system."""
     at_units = [i for i, device in enumerate(devices) if isinstance(device, AtUnit)]
+    at_ports = [i for i, device in enumerate(devices) if not isinstance(device, AtUnit)]
     grid = _grid(system, [devices[i] for i in at_units])
     found = _modes(grid, modes)
     values = np.array([[mode.value] * len(devices) for mode in found])
     control, why_not = np.full(values.shape, np.nan + 0j), [""] * len(devices)
     for k, mode in enumerate(found):
         control[k, at_units] = (mode.left @ grid.model.B) * grid.model.late(mode.value)
+    if not at_ports:
+        return Effect(values, control, why_not)
+    ports, plant = _ports(grid, [devices[i] for i in at_ports]), grid.built.plant
+    around = [Around(*_seen_and_moved(mode, ports), _others(grid, mode, ports)) for mode in found]
     kinds: dict[str, list[int]] = {}
-    for i, device in enumerate(devices):
-        if not isinstance(device, AtUnit):
-            kinds.setdefault(device.kind, []).append(i)
-    for places in kinds.values():
-        of_kind = _of_kind(grid, [devices[i] for i in places], found)
-        values[:, places], control[:, places] = of_kind.values, of_kind.controllability
-        for i, reason in zip(places, of_kind.why_not, strict=True):
-            why_not[i] = reason
+    rest: dict[int, AtRest] = {}
+    for row, (i, response) in enumerate(zip(at_ports, ports.rest.tolist(), strict=True)):
+        rest[row] = devices_alone.at_rest(devices[i], response, plant.omega_0, system.base_power)
+        why_not[i] = rest[row].why_not
+        if not why_not[i]:
+            kinds.setdefault(devices[i].kind, []).append(row)
+    for rows in kinds.values():
+        places = [at_ports[row] for row in rows]
+        of_kind = [devices[i] for i in places], [rest[row] for row in rows], ports.rest[rows]
+        alone = devices_alone.linear(plant, *of_kind)
+        for k, mode in enumerate(found):
+            values[k, places], control[k, places] = _closed(alone, mode.value, around[k].of(rows))
     return Effect(values, control, why_not)
-
-
-def _of_kind(grid: Grid, devices: Sequence[Device], modes: Sequence[Mode]) -> Effect:
-    """Effect of devices of a kind with ports."""
-    ports, plant = _ports(grid, devices), grid.built.plant
-    rest = [
-        devices_alone.at_rest(device, response, plant.omega_0, grid.system.base_power)
-        for device, response in zip(devices, ports.rest.tolist(), strict=True)
-    ]
-    can = [i for i, each in enumerate(rest) if not each.why_not]
-    values, control = np.full((2, len(modes), len(devices)), np.nan + 0j)
-    if can:
-        ports = ports.of(can)
-        alone = devices_alone.linear(plant, [devices[i] for i in can], [rest[i] for i in can], ports.rest)
-        for k, mode in enumerate(modes):
-            seen, moved = _seen_and_moved(mode, ports)
-            values[k, can], control[k, can] = _closed(alone, mode, seen, moved, _others(grid, mode, ports))
-    return Effect(values, control, [each.why_not for each in rest])
 
 
 def _grid(system: System, at_units: Sequence[Device]) -> Grid:
@@ -233,8 +232,9 @@ def _others(grid: Grid, mode: Mode, ports: Ports) -> Complex3:
     return others
 
 
-def _closed(alone: Alone, mode: Mode, seen: Complex2, moved: Complex2, Z: Complex3) -> tuple[Complex1, Complex1]:
-    """Eigenvalue and controllability with each device at its port."""
+def _closed(alone: Alone, value: complex, around: Around) -> tuple[Complex1, Complex1]:
+    """Eigenvalue and controllability with each device at its port, from the eigenvalue without."""
+    seen, moved, Z = around
 
     def at(s: Complex1) -> tuple[Complex1, Complex1]:
         G, g = alone.at(s)
@@ -242,10 +242,10 @@ def _closed(alone: Alone, mode: Mode, seen: Complex2, moved: Complex2, Z: Comple
         answer = np.einsum("pi,pij->pj", moved, np.linalg.solve(np.eye(2) - G @ Z, right))
         return answer[:, 0], answer[:, 1]
 
-    s: Complex1 = np.full(len(seen), mode.value, np.complex128)
-    step = 1e-4 * abs(mode.value)
+    s: Complex1 = np.full(len(seen), value, np.complex128)
+    step = 1e-4 * abs(value)
     for _ in range(STEPS):
         slope = (at(s + step)[0] - at(s - step)[0]) / (2.0 * step)
-        s = s - (s - mode.value - at(s)[0]) / (1.0 - slope)
+        s = s - (s - value - at(s)[0]) / (1.0 - slope)
     slope = (at(s + step)[0] - at(s - step)[0]) / (2.0 * step)
     return s, at(s)[1] / (1.0 - slope)
