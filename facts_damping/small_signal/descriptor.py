@@ -164,7 +164,7 @@ def linearised(plant: Plant, state: PlantState, weights: Float2) -> Linear:
     upper[net.upper.begin[1:] - 1] = 1.0 / upper[net.upper.begin[1:] - 1]
     admittance = whole(net.lower, buses) @ csc_array((upper, net.upper.row, net.upper.begin), (buses, buses))
     fed = np.r_[:machines, machines + infinite : many]  # infinite buses stay as they are
-    local, frames = _local(plant, state, network_outputs)
+    local, frames = local_parts(plant, state, network_outputs)
     states_part = local[:, : n + 2 * count].tocsc()
     x_x, i_x, x_y, i_y = states_part[:n, :n], states_part[n:, :n], states_part[:n, n:], states_part[n:, n:]
     one_i, one_y = (csc_array((np.ones(m), (range(m), range(m))), (m, m)) for m in (2 * len(fed), 2 * count))
@@ -195,7 +195,7 @@ def _real(a: Any) -> Any:
     return block_array([[a.real, -a.imag], [a.imag, a.real]], format="csc")
 
 
-def _local(plant: Plant, state: PlantState, network_outputs: Complex1) -> tuple[Any, Any]:
+def local_parts(plant: Plant, state: PlantState, network_outputs: Complex1) -> tuple[Any, Any]:
     """Derivatives by states, network outputs and references: of slopes and network inputs, and of frames.
 
     The second has no columns of references.

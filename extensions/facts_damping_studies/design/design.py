@@ -23,9 +23,8 @@ from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.plant.build import build
 from facts_damping.small_signal import eigenmodes, linearisation
-from facts_damping_studies.design import lead_lag, places, scenario_generation
+from facts_damping_studies.design import lead_lag, place_ranking, places, scenario_generation
 from facts_damping_studies.margins import delay_margin
-from facts_damping_studies.sweeps.pool import run_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -142,8 +141,11 @@ def ranked(task: Task, jobs: int, tell: Tell) -> Ranking:
         check_known("--kinds", kind, places.NEW_DEVICES)
     candidates = places.places(grid, task.kinds)
     places.check_place(task.place, candidates)
-    trials = [places.Trial(narrow, candidate, modes) for candidate in candidates]
-    tried = run_all(places.tried, trials, jobs, tell("design", "places"))
+
+    def paired(tried: Sequence[Tried]) -> set[int]:
+        return {i for i, _ in best_pairs(task, narrow, tried, target)}
+
+    tried = place_ranking.ranked(narrow, candidates, modes, target, paired, jobs, tell("design", "places"))
     pairs = ranked_pairs(task, narrow, tried, modes, target)
     chosen = next((pair for pair in pairs if not pair.conflicts()), pairs[0])
     return Ranking(task, bare_system, system, modes, target, observability, tried, pairs, chosen)
@@ -239,6 +241,17 @@ def ranked_pairs(
 
     Raises `InputError` if there is none.
     """
+    best = best_pairs(task, system, tried, target)
+    if not best:
+        reason = next((f" ({attempt.why_not})" for attempt in tried if attempt.why_not), "")
+        problem = f"with a device at {task.place or 'any place'} the mode is not found again{reason}"
+        raise InputError(f"--place: {problem}; allowed: another place")
+    delay, names = task.delay_with_filter(system.frequency), list(system.signals)
+    return [_pair(delay, tried[i], i, s, names[s], modes, target) for i, s in best]
+
+
+def best_pairs(task: Task, system: System, tried: Sequence[Tried], target: int) -> list[tuple[int, int]]:
+    """Indices of place and signal of the pairs of `ranked_pairs`, the best first; without any: none."""
     names = list(system.signals)
     speeds = [name for name in names if system.signals[name].channel == task.channel(system)]
     wanted = speeds if task.signal is None else [task.signal]
@@ -249,13 +262,7 @@ def ranked_pairs(
         for s, name in enumerate(names)
         if name in wanted and np.isfinite(attempt.residue[target, s])
     ]
-    if not worth:
-        reason = next((f" ({attempt.why_not})" for attempt in tried if attempt.why_not), "")
-        problem = f"with a device at {task.place or 'any place'} the mode is not found again{reason}"
-        raise InputError(f"--place: {problem}; allowed: another place")
-    best = sorted(worth, reverse=True)[:PAIRS]
-    delay = task.delay_with_filter(system.frequency)
-    return [_pair(delay, tried[i], i, s, names[s], modes, target) for _, i, s in best]
+    return [(i, s) for _, i, s in sorted(worth, reverse=True)[:PAIRS]]
 
 
 def _pair(

@@ -5,8 +5,8 @@ For a mode with right and left eigenvectors v, w, w v = 1 and the fastest machin
     observability   F C v                a signal's swing, p.u. of it per p.u. of the fastest machine's speed
     controllability w B exp(-lambda Td)  the effect of a setpoint of one p.u., 1/s
 
-F washouts, Td dead times; the residue is their product (Kundur 1994, 12.3.4). Each device is installed at its location
-for the analysis, so its own dynamics and its effect on the power flow are included.
+F washouts, Td dead times; the residue is their product (Kundur 1994, 12.3.4). `tried` installs a device at its location
+for the analysis, so its own dynamics and its effect on the power flow are included; `at_once` finds those worth it.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ from facts_damping.parameters.plant.pmus import Pmu, Signal
 from facts_damping.plant.build import build
 from facts_damping.plant.inverters.inverter import SETPOINTS
 from facts_damping.small_signal import eigenmodes, linearisation
+from facts_damping.small_signal.descriptor import Descriptor, eigenvalue_near
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.compiling.structs import Complex1, Complex2, Float1
+    from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2
     from facts_damping.fields import ParameterModel
     from facts_damping.parameters.plant.machines import Machine
     from facts_damping.parameters.plant.pmus import Channel
@@ -275,7 +276,7 @@ def _mean_speeds(system: System, pmus: Mapping[str, str]) -> dict[str, dict[str,
 
 def seen(system: System, modes: Sequence[Eigenmode]) -> Complex2:
     """The observability of all signals of a system without devices, (modes, signals)."""
-    return _tried(system, [], modes)[1]
+    return _tried(system, [], modes, [mode.eigenvalue for mode in modes])[1]
 
 
 class Trial(NamedTuple):
@@ -286,38 +287,62 @@ class Trial(NamedTuple):
     modes: Sequence[Eigenmode]
 
 
-def tried(trial: Trial) -> Tried:
-    """Analyse a location."""
+def tried(trial: Trial, near: Sequence[complex] | None = None) -> Tried:
+    """Analyse a location. `near`: eigenvalues of the modes with the device, about; None: all modes are found."""
     try:
-        analysed = _tried(with_place(trial.system, trial.place), [trial.place.device.name], trial.modes)
+        analysed = _tried(with_place(trial.system, trial.place), [trial.place.device.name], trial.modes, near)
     except FactsDampingError as error:
-        none = np.full((len(trial.modes), len(trial.system.signals)), np.nan + 0j)
-        return Tried(trial.place, np.full(len(none), np.nan + 0j), none, one_line(error))
+        return not_tried(trial, one_line(error))
     return Tried(trial.place, analysed[0][:, 0], analysed[1])
 
 
-def _tried(system: System, devices: Sequence[str], modes: Sequence[Eigenmode]) -> tuple[Complex2, Complex2]:
+def not_tried(trial: Trial, why_not: str) -> Tried:
+    """A location where a device is impossible."""
+    none = np.full((len(trial.modes), 1 + len(trial.system.signals)), np.nan + 0j)
+    return Tried(trial.place, none[:, 0], none[:, 1:], why_not)
+
+
+def _tried(
+    system: System, devices: Sequence[str], modes: Sequence[Eigenmode], near: Sequence[complex] | None = None
+) -> tuple[Complex2, Complex2]:
     """Controllability (modes, devices) and observability (modes, signals) of the modes, found again with devices."""
     system = place(system)
-    built = build(system, devices, [])
+    built = build(system, devices, [], sparse=len(devices) > 0 and near is not None)
     model = linearisation.linear_model(built, system.signals, [s.name for s in system.pmus])
-    values, left, right = eigenmodes.eigenvectors(model.matrix)
     control = np.full((len(modes), len(devices)), np.nan + 0j)
     observe = np.full((len(modes), len(system.signals)), np.nan + 0j)
+    vectors = None if near is None else _beside(model.matrix, near)
+    vectors = eigenmodes.eigenvectors(model.matrix) if vectors is None else vectors
     for i, wanted in enumerate(modes):
-        near = np.flatnonzero(
-            (values.imag > 0.0) & (np.abs(values - wanted.eigenvalue) < NEAR * abs(wanted.eigenvalue))
-        )
-        named = {
-            k: eigenmodes.mode(values[k], right[:, k], left[:, k], built.state_names, system) for k in near.tolist()
-        }
-        apart = eigenmodes.unlike([wanted], list(named.values()))[0]
-        if apart.min(initial=1.0) > NEAR:
+        best = _again(wanted, vectors, built.state_names, system)
+        if best is None and near is not None:
+            vectors = eigenmodes.eigenvectors(model.matrix)
+            best = _again(wanted, vectors, built.state_names, system)
+        if best is None:
             continue
-        best = list(named)[np.argmin(apart)]
-        v, w = right[:, best], left[:, best]
-        v = v / max(eigenmodes.speeds(values[best], v, built.state_names, system).values(), key=abs)
+        value, v, w = vectors[0][best], vectors[2][:, best], vectors[1][:, best]
+        v = v / max(eigenmodes.speeds(value, v, built.state_names, system).values(), key=abs)
         w = w / (w @ v)
-        observe[i] = model.gain(values[best]) * (model.seen[0] @ v)
-        control[i] = (w @ model.B) * model.late(values[best]) if len(devices) else control[i]
+        observe[i] = model.gain(value) * (model.seen[0] @ v)
+        control[i] = (w @ model.B) * model.late(value) if len(devices) else control[i]
     return control, observe
+
+
+def _beside(matrix: Float2 | Descriptor, near: Sequence[complex]) -> tuple[Complex1, Complex2, Complex2] | None:
+    """As `eigenmodes.eigenvectors`, of the modes nearest some values, of a large grid; twice, as they are not exact."""
+    if not isinstance(matrix, Descriptor):
+        return None
+    found = [eigenvalue_near(matrix, eigenvalue_near(matrix, guess)[0]) for guess in near]
+    values, right, left = (np.array(part) for part in zip(*found, strict=True))
+    return values, left.T, right.T
+
+
+def _again(
+    wanted: Eigenmode, vectors: tuple[Complex1, Complex2, Complex2], names: Sequence[str], system: System
+) -> int | None:
+    """Index of a mode that is found again among eigenvalues and their vectors; None: it is not."""
+    values, left, right = vectors
+    near = np.flatnonzero((values.imag > 0.0) & (np.abs(values - wanted.eigenvalue) < NEAR * abs(wanted.eigenvalue)))
+    modes = [eigenmodes.mode(values[k], right[:, k], left[:, k], names, system) for k in near.tolist()]
+    apart = eigenmodes.unlike([wanted], modes)[0]
+    return None if apart.min(initial=1.0) > NEAR else int(near[np.argmin(apart)])
