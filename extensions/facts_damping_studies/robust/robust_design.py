@@ -11,6 +11,7 @@ from scipy.linalg import qr
 from facts_damping.control.linear_law import Matrices
 from facts_damping.errors import InputError
 from facts_damping.measurement.build import wrong_at
+from facts_damping_studies.design.places import merged
 from facts_damping_studies.robust import certificate, trials
 from facts_damping_studies.robust.certificate import Law
 from facts_damping_studies.robust.laws import Setting, TuningTask, again, problem, sizes, starts, tune
@@ -104,7 +105,8 @@ def designed(task: RobustTask, tell: Tell) -> RobustDesign:
     """The best law of all structures. Raises `InputError` if no signal can be used."""
     case, devices = task.case, task.case.run.devices
     usable = _usable(case, task.signals)
-    grids = scenarios(case, usable, task.outages, DRIFTS, task.jobs, tell)
+    lumped = replace(case, system=merged(case.system))  # equal machines have equal modes, without vectors of their own
+    grids = scenarios(lumped, usable, task.outages, DRIFTS, task.jobs, tell)
     rows = independent(grids.all[0], len(usable))
     signals = [usable[i] for i in rows]
     grids = grids.of_signals(rows)
