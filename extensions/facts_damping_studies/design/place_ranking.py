@@ -18,6 +18,7 @@ from facts_damping_studies.sweeps.pool import run_all
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from facts_damping.compiling.structs import Complex2
     from facts_damping.parameters.plant.system import System
     from facts_damping.small_signal.eigenmodes import Eigenmode
     from facts_damping_studies.design.places import Place
@@ -28,6 +29,7 @@ LARGE = 500  # buses from which on that pays in several processes
 
 def ranked(
     system: System,
+    observability: Complex2,
     candidates: Sequence[Place],
     modes: Sequence[Eigenmode],
     target: int,
@@ -35,11 +37,10 @@ def ranked(
     jobs: int,
     progress: Callable[[int, int], None],
 ) -> list[Tried]:
-    """Analyses of all places. `paired`: indices of those of the best pairs."""
+    """Analyses of all places. `observability`: of the signals; `paired`: indices of the places of the best pairs."""
     trials = [Trial(system, candidate, modes) for candidate in candidates]
     new = [i for i, candidate in enumerate(candidates) if not candidate.own]
     effect = at_once.effects(system, [candidates[i].device for i in new], modes)
-    observability = places.seen(system, modes)
     tried = [places.not_tried(trial, "") for trial in trials]
     for j, i in enumerate(new):
         about = Tried(candidates[i], effect.controllability[:, j], observability)
