@@ -1,7 +1,7 @@
 """Ranking of places: all at once, the best again with the device installed, until all that count are.
 
-Those that count are the strongest for each mode, the strongest in series and in parallel for the target, the places of
-the pairs, and the devices of the system itself.
+Those that count are the places of the pairs, the devices of the system itself, and unless the grid is large the
+strongest for each mode, the strongest in series and in parallel for the target, and where a device is impossible.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from facts_damping_studies.design.places import Place
 
 BEST = 6  # places of each sort that are analysed with the device
-LARGE = 500  # buses from which on that pays in several processes
+LARGE = 500  # buses above which that takes seconds for each, so that it pays in several processes
 
 
 def ranked(
@@ -50,7 +50,7 @@ def ranked(
     impossible = {i for i in new if tried[i].why_not}
     exact = impossible if large else set[int]()
     again = set(range(len(trials))) - set(new) | impossible - exact
-    while again := (again | _strongest(tried, target) | paired(tried)) - exact:
+    while again := (again | (set() if large else _strongest(tried, target)) | paired(tried)) - exact:
         some = sorted(again)
         found = run_all(_again, [(trials[i], near.get(i)) for i in some], jobs if large else 1, progress)
         for i, attempt in zip(some, found, strict=True):
