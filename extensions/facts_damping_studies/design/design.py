@@ -145,7 +145,9 @@ def ranked(task: Task, jobs: int, tell: Tell) -> Ranking:
     def paired(tried: Sequence[Tried]) -> set[int]:
         return {i for i, _ in best_pairs(task, narrow, tried, target)}
 
-    tried = place_ranking.ranked(narrow, candidates, modes, target, paired, jobs, tell("design", "places"))
+    observed = observability[:, [list(system.signals).index(name) for name in narrow.signals]]
+    ranked_by = candidates, modes, target, paired, jobs, tell("design", "places")
+    tried = place_ranking.ranked(narrow, observed, *ranked_by)
     pairs = ranked_pairs(task, narrow, tried, modes, target)
     chosen = next((pair for pair in pairs if not pair.conflicts()), pairs[0])
     return Ranking(task, bare_system, system, modes, target, observability, tried, pairs, chosen)

@@ -1,7 +1,7 @@
 """Ranking of places: all at once, the best again with the device installed, until all that count are.
 
-Those that count are the strongest for each mode, the strongest in series and in parallel for the target, the places of
-the pairs, and the devices of the system itself.
+Those that count are the places of the pairs, the devices of the system itself, and unless the grid is large the
+strongest for each mode, the strongest in series and in parallel for the target, and where a device is impossible.
 """
 
 from __future__ import annotations
@@ -18,16 +18,18 @@ from facts_damping_studies.sweeps.pool import run_all
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from facts_damping.compiling.structs import Complex2
     from facts_damping.parameters.plant.system import System
     from facts_damping.small_signal.eigenmodes import Eigenmode
     from facts_damping_studies.design.places import Place
 
 BEST = 6  # places of each sort that are analysed with the device
-LARGE = 500  # buses from which on that pays in several processes
+LARGE = 500  # buses above which that takes seconds for each, so that it pays in several processes
 
 
 def ranked(
     system: System,
+    observability: Complex2,
     candidates: Sequence[Place],
     modes: Sequence[Eigenmode],
     target: int,
@@ -35,11 +37,10 @@ def ranked(
     jobs: int,
     progress: Callable[[int, int], None],
 ) -> list[Tried]:
-    """Analyses of all places. `paired`: indices of those of the best pairs."""
+    """Analyses of all places. `observability`: of the signals; `paired`: indices of the places of the best pairs."""
     trials = [Trial(system, candidate, modes) for candidate in candidates]
     new = [i for i, candidate in enumerate(candidates) if not candidate.own]
     effect = at_once.effects(system, [candidates[i].device for i in new], modes)
-    observability = places.seen(system, modes)
     tried = [places.not_tried(trial, "") for trial in trials]
     for j, i in enumerate(new):
         about = Tried(candidates[i], effect.controllability[:, j], observability)
@@ -49,7 +50,7 @@ def ranked(
     impossible = {i for i in new if tried[i].why_not}
     exact = impossible if large else set[int]()
     again = set(range(len(trials))) - set(new) | impossible - exact
-    while again := (again | _strongest(tried, target) | paired(tried)) - exact:
+    while again := (again | (set() if large else _strongest(tried, target)) | paired(tried)) - exact:
         some = sorted(again)
         found = run_all(_again, [(trials[i], near.get(i)) for i in some], jobs if large else 1, progress)
         for i, attempt in zip(some, found, strict=True):

@@ -311,8 +311,7 @@ def _tried(
     model = linearisation.linear_model(built, system.signals, [s.name for s in system.pmus])
     control = np.full((len(modes), len(devices)), np.nan + 0j)
     observe = np.full((len(modes), len(system.signals)), np.nan + 0j)
-    vectors = None if near is None else _beside(model.matrix, near)
-    vectors = eigenmodes.eigenvectors(model.matrix) if vectors is None else vectors
+    vectors = _beside(model.matrix, near, exact=not devices)
     for i, wanted in enumerate(modes):
         best = _again(wanted, vectors, built.state_names, system)
         if best is None and near is not None:
@@ -328,11 +327,13 @@ def _tried(
     return control, observe
 
 
-def _beside(matrix: Float2 | Descriptor, near: Sequence[complex]) -> tuple[Complex1, Complex2, Complex2] | None:
-    """As `eigenmodes.eigenvectors`, of the modes nearest some values, of a large grid; twice, as they are not exact."""
-    if not isinstance(matrix, Descriptor):
-        return None
-    found = [eigenvalue_near(matrix, eigenvalue_near(matrix, guess)[0]) for guess in near]
+def _beside(
+    matrix: Float2 | Descriptor, near: Sequence[complex] | None, exact: bool
+) -> tuple[Complex1, Complex2, Complex2]:
+    """As `eigenmodes.eigenvectors`, of a large grid the modes nearest some values; twice if these are not exact."""
+    if near is None or not isinstance(matrix, Descriptor):
+        return eigenmodes.eigenvectors(matrix)
+    found = [eigenvalue_near(matrix, guess if exact else eigenvalue_near(matrix, guess)[0]) for guess in near]
     values, right, left = (np.array(part) for part in zip(*found, strict=True))
     return values, left.T, right.T
 

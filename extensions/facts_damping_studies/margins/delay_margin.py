@@ -10,6 +10,7 @@ from scipy.optimize import brentq, linear_sum_assignment
 
 from facts_damping.small_signal import eigenmodes
 from facts_damping_studies.margins.linear_closed_loop import approximate, delayed_loop, eigen, link_delays, sampled
+from facts_damping_studies.margins.linear_closed_loop import growth as growth_of
 from facts_damping_studies.margins.unsupervised import unsupervised
 from facts_damping_studies.parameters import DAMPING_RATIO
 
@@ -66,7 +67,7 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
         listed.append(oscillations(loop, now, case))
         worst[i], lacks[i] = now.values[0].real + 1j * abs(now.values[0].imag), _lacking(now, listed[-1])
     progress(len(delays), len(delays))
-    stable = intervals(lambda delay: eigen(loop, sampled(loop, delay)).growth, delays, worst.real)
+    stable = intervals(lambda delay: growth_of(loop, sampled(loop, delay)), delays, worst.real)
 
     def lacking(delay: float) -> float:
         now = eigen(loop, sampled(loop, delay))
@@ -102,7 +103,7 @@ def stable_around(case: Case, delay: float, longest: float, progress: Callable[[
     done = 0
 
     def growth(at: float) -> float:
-        return eigen(loop, sampled(loop, float(at))).growth - STILL
+        return growth_of(loop, sampled(loop, float(at))) - STILL
 
     def end(delays: NDArray[np.float64]) -> float | None:
         """The first delay of the sequence at which the loop is unstable, refined; None if there is none."""

@@ -18,7 +18,7 @@ from math import factorial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, eig
+from scipy.linalg import block_diag, eig, eigvals, qr
 from scipy.signal import tf2ss
 
 from facts_damping.case.names import controller_names
@@ -299,6 +299,14 @@ def pade(delay: float, order: int) -> Matrices:
     above = [(-1) ** k * value for k, value in zip(powers, below, strict=True)]
     A, B, C, D = tf2ss(above, below)
     return A / delay, B / delay, C, D
+
+
+def growth(loop: DelayedLoop, matrix: NDArray[np.float64]) -> float:
+    """As `eigen(loop, matrix).growth` of a discrete loop, without eigenvectors: beside the rigid motions."""
+    motions = loop.rigid.shape[1]
+    turn = qr(np.pad(loop.rigid, ((0, len(matrix) - len(loop.rigid)), (0, 0))))[0][:, motions:] if motions else None
+    size = np.abs(eigvals(matrix if turn is None else turn.T @ matrix @ turn)).max()
+    return float(loop.frame_rate * np.log(max(size, FADED)))
 
 
 def eigen(loop: DelayedLoop, matrix: NDArray[np.float64], *, discrete: bool = True) -> Eigen:
