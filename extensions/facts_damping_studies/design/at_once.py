@@ -104,15 +104,15 @@ def effects(system: System, devices: Sequence[Device], modes: Sequence[Eigenmode
     at_units = [i for i, device in enumerate(devices) if isinstance(device, AtUnit)]
     at_ports = [i for i, device in enumerate(devices) if not isinstance(device, AtUnit)]
     grid = _grid(system, [devices[i] for i in at_units])
-    found = _modes(grid, modes)
-    values = np.array([[mode.value] * len(devices) for mode in found])
+    shapes = _modes(grid, modes)
+    values = np.array([[mode.value] * len(devices) for mode in shapes])
     control, why_not = np.full(values.shape, np.nan + 0j), [""] * len(devices)
-    for k, mode in enumerate(found):
+    for k, mode in enumerate(shapes):
         control[k, at_units] = (mode.left @ grid.model.B) * grid.model.late(mode.value)
     if not at_ports:
         return Effect(values, control, why_not)
     ports, plant = _ports(grid, [devices[i] for i in at_ports]), grid.built.plant
-    around = [Around(*_seen_and_moved(mode, ports), _others(grid, mode, ports)) for mode in found]
+    around = [Around(*_seen_and_moved(mode, ports), _others(grid, mode, ports)) for mode in shapes]
     kinds: dict[str, list[int]] = {}
     rest: dict[int, AtRest] = {}
     for row, (i, response) in enumerate(zip(at_ports, ports.rest.tolist(), strict=True)):
@@ -124,7 +124,7 @@ def effects(system: System, devices: Sequence[Device], modes: Sequence[Eigenmode
         places = [at_ports[row] for row in rows]
         of_kind = [devices[i] for i in places], [rest[row] for row in rows], ports.rest[rows]
         alone = devices_alone.linear(plant, *of_kind)
-        for k, mode in enumerate(found):
+        for k, mode in enumerate(shapes):
             values[k, places], control[k, places] = _closed(alone, mode.value, around[k].of(rows))
     return Effect(values, control, why_not)
 
@@ -157,7 +157,7 @@ def _modes(grid: Grid, modes: Sequence[Eigenmode]) -> list[Mode]:
 
     n, M = grid.matrix.states, grid.matrix.matrix.tocsc()
     lu = splu(M[n:, n:].tocsc())
-    found = []
+    shapes = []
     for wanted in modes:
         value, right, left = eigenvalue_near(grid.matrix, wanted.eigenvalue)
         right = right / max(speeds(value, right, grid.built.state_names, grid.system).values(), key=abs)
@@ -169,8 +169,8 @@ def _modes(grid: Grid, modes: Sequence[Eigenmode]) -> list[Mode]:
         voltage, moved_by = (
             np.pad(z[grid.first : grid.first + 2 * grid.buses].reshape(2, -1), ((0, 0), (0, 1))) for z in wide
         )
-        found.append(Mode(value, left, right, voltage, moved_by))
-    return found
+        shapes.append(Mode(value, left, right, voltage, moved_by))
+    return shapes
 
 
 def _ports(grid: Grid, devices: Sequence[Device]) -> Ports:
@@ -226,9 +226,9 @@ def _others(grid: Grid, mode: Mode, ports: Ports) -> Complex3:
             for a in range(2):
                 there = (ends[here, a] >= 0)[:, None, None]
                 Z[here, a, b] = voltage[:, ends[here, a], :, column] * there
-    own = np.einsum("paij,pabjk,pbkl->pil", _turned(ports.read), Z, _turned(ports.feed)) + _turned(ports.direct)
+    response = np.einsum("paij,pabjk,pbkl->pil", _turned(ports.read), Z, _turned(ports.feed)) + _turned(ports.direct)
     seen, moved = _seen_and_moved(mode, ports)
-    others: Complex3 = own - seen[:, :, None] * moved[:, None, :] / (s - mode.value)
+    others: Complex3 = response - seen[:, :, None] * moved[:, None, :] / (s - mode.value)
     return others
 
 

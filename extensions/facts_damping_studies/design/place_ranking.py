@@ -52,8 +52,8 @@ def ranked(
     again = set(range(len(trials))) - set(new) | impossible - exact
     while again := (again | (set() if large else _strongest(tried, target)) | paired(tried)) - exact:
         some = sorted(again)
-        found = run_all(_again, [(trials[i], near.get(i)) for i in some], jobs if large else 1, progress)
-        for i, attempt in zip(some, found, strict=True):
+        analysed = run_all(_again, [(trials[i], near.get(i)) for i in some], jobs if large else 1, progress)
+        for i, attempt in zip(some, analysed, strict=True):
             tried[i] = attempt
         exact = exact | again
     return tried

@@ -333,8 +333,8 @@ def _beside(
     """As `eigenmodes.eigenvectors`, of a large grid the modes nearest some values; twice if these are not exact."""
     if near is None or not isinstance(matrix, Descriptor):
         return eigenmodes.eigenvectors(matrix)
-    found = [eigenvalue_near(matrix, guess if exact else eigenvalue_near(matrix, guess)[0]) for guess in near]
-    values, right, left = (np.array(part) for part in zip(*found, strict=True))
+    nearest = [eigenvalue_near(matrix, guess if exact else eigenvalue_near(matrix, guess)[0]) for guess in near]
+    values, right, left = (np.array(part) for part in zip(*nearest, strict=True))
     return values, left.T, right.T
 
 
