@@ -10,7 +10,7 @@ after a gap of RESTART_S.
 
 With signs h of the actuators (`actuator_tests`) the estimate is z = z_0 + sum_d h_d z_d, with z_0 from the signals and
 z_d from the setpoints of device d alone, through the same observer. An inverted device gets the negated setpoint, one
-without effect that of one with effect.
+without effect that of one with effect, which does no harm and shows when the effect is back.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ class AgeObserver:
         measured = t_s - age_s
         if self.estimates and measured.max() - self.estimates[-1].measured_s > RESTART_S:
             self.estimates.clear()
-        for at_s in np.unique(np.round(measured[fresh] / SAME_S)) * SAME_S:
+        times = np.sort(measured[fresh])
+        for at_s in times[np.diff(times, prepend=-np.inf) > SAME_S]:
             self._insert(float(at_s), y, fresh & (np.abs(measured - at_s) < SAME_S))
         if not self.estimates:  # nothing is new
             return np.zeros(len(self.limits))
@@ -125,14 +126,15 @@ class AgeObserver:
 
     def _issue(self, t_s: float, newest: Estimate) -> Float1:
         """Setpoints within limits and rates, which join those before."""
-        signs, setpoints = newest.evidence.signs, np.zeros(len(self.limits))
+        signs, sent_signs = newest.evidence.signs, newest.evidence.sent
+        setpoints = np.zeros(len(self.limits))
         reach = self.limits
         before = np.zeros_like(reach)
         if len(self.sent.issued_s):
             before, reach = self.sent.effect[-1, :, 0], self.rates * (t_s - float(self.sent.issued_s[-1]))
 
         def effect(d: int, wanted: Float1) -> Float1:
-            u = float(wanted[0]) * (-1.0 if signs[d] < 0.0 else 1.0)
+            u = float(wanted[0]) * sent_signs[d]
             u = min(max(u, -self.limits[d]), self.limits[d])
             setpoints[d] = min(max(u, before[d] - reach[d]), before[d] + reach[d])
             return np.array([signs[d] * setpoints[d]])

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
     from facts_damping.small_signal.sampled_output import Filtered
 
+STILL = 1e-6  # p.u., standard deviation of the least noise that innovations are compared with
 APART = 1e-10  # relative to A: by so much poles are moved apart where eigenvectors are too close
 CLOSE = 1e7  # condition number of the eigenvectors from which they are
 
@@ -88,7 +89,7 @@ def observer_law(small: DesignModel, criterion: Criterion, downlink_s: Float1) -
     except np.linalg.LinAlgError as error:
         problem = "a plant with an undamped mode given that is not observable or not controllable"
         raise InputError(f"laws: {problem}; allowed: signals and devices for which all such modes are") from error
-    S = np.linalg.solve(np.eye(len(noise)) - small.C @ M, np.diag(noise**2))
+    S = np.linalg.solve(np.eye(len(noise)) - small.C @ M, np.diag((STILL * noise / noise.min()) ** 2))
     modes = modal(small.A)
     parts = modes.W @ small.B, small.C @ modes.V, small.D, modes.W @ M, K @ modes.V
     return ObserverLaw(modes.poles, *parts, (S + S.T) / 2.0, downlink_s, frame_rate)
@@ -118,7 +119,8 @@ def modal(A: Float2) -> Modes:
     """Modes of a matrix, with poles that are moved apart where they are too close to have eigenvectors."""
     poles, V = np.linalg.eig(A)
     if np.linalg.cond(V) > CLOSE:
-        poles, V = np.linalg.eig(A + APART * np.linalg.norm(A, 2) * np.diag(np.linspace(-1.0, 1.0, len(A))))
+        anything = np.random.default_rng(0).normal(size=A.shape)
+        poles, V = np.linalg.eig(A + APART * np.linalg.norm(A, 2) * anything)
     W, chosen = np.linalg.inv(V), poles.imag >= 0.0
     twice = np.where(poles.imag > 0.0, 2.0, 1.0)
     return Modes(poles[chosen] + 0.0j, (twice * V)[:, chosen] + 0.0j, W[chosen] + 0.0j)

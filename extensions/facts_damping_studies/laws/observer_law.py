@@ -37,7 +37,7 @@ class ObserverLaw(NamedTuple):
     D: Float2  # (signals, devices)
     M: Complex2  # (modes, signals): z <- z + M (y - Re(C z) - D u)
     K: Complex2  # (devices, modes)
-    S: Float2  # (signals, signals), covariance of the innovations that is expected
+    S: Float2  # (signals, signals), least covariance of the innovations, as of noise
     downlink_s: Float1  # (devices,), from the issue of a setpoint to its effect, with the dead time
     frame_rate: int  # frames/s, for which M and K are
     memory_s: float = 5.0  # time constant with which innovations are forgotten in tests of the actuators

@@ -1,0 +1,306 @@
+"""The observer that predicts by the measured age: exact motion, prediction, matrices, LQG, hypotheses of actuators."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import facts_damping as fd
+from facts_damping.case.loading import load_case
+from facts_damping.errors import InputError
+from facts_damping.link.stages import mean_delay
+from facts_damping.simulation.assembly import plant_residues
+from facts_damping.small_signal.lqg import DesignModel
+from facts_damping_studies.laws.actuator_tests import decided, ratios, with_innovations, without_evidence
+from facts_damping_studies.laws.age_observer import AgeObserver
+from facts_damping_studies.laws.from_lqg import Criterion, from_lqg, modal, observer_law, washed
+from facts_damping_studies.laws.observer_law import (
+    ObserverLaw,
+    Sent,
+    from_parameters,
+    in_force,
+    matrices,
+    to_parameters,
+    turned,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+POLICY = "facts_damping_studies.laws.age_observer:AgeObserver"
+SEEDS = range(5)
+RATE = 60
+
+
+def plant_of(random: np.random.Generator, n: int = 6, devices: int = 2, signals: int = 2) -> DesignModel:
+    A = random.normal(size=(n, n)) * 2.0
+    A -= (np.linalg.eigvals(A).real.max() + 0.1) * np.eye(n)
+    shapes = ((n, devices), (n, 3), (signals, n), (signals, devices), (2, n))
+    return DesignModel(A, *(random.normal(size=shape) for shape in shapes))
+
+
+def law_of(random: np.random.Generator, **fields: Any) -> ObserverLaw:
+    criterion = Criterion(np.array([0.5, 2.0]), 0.1, np.array([0.1, 0.2]), RATE)
+    plant = plant_of(random)
+    return observer_law(plant, criterion, np.array([0.013, 0.047]))._replace(**fields)
+
+
+def observer_of(law: ObserverLaw, limit: float = 1e6, rate: float = 1e9) -> AgeObserver:
+    signals, devices = law.D.shape
+    spec: Any = SimpleNamespace(
+        signals=["y"] * signals,
+        devices=["u"] * devices,
+        limits=np.full(devices, limit),
+        rates=np.full(devices, rate),
+        frame_rate=law.frame_rate,
+        parameters=to_parameters(law),
+    )
+    return AgeObserver(spec)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_motion_is_that_of_the_matrix_exponential(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    plant, late = plant_of(random), np.array([0.013, 0.047])
+    modes = modal(plant.A)
+    law = law_of(random)._replace(poles=modes.poles, B=modes.W @ plant.B, downlink_s=late)
+    issued = np.sort(random.uniform(0.0, 1.0, 8))
+    sent = Sent(issued, random.normal(size=(8, 2, 1)))
+    x = random.normal(size=(6, 1))
+    z, ends = modes.W @ x, np.sort(random.uniform(0.0, 1.2, 4))
+    changes = np.sort(np.concatenate([issued + late[0], issued + late[1], ends]))
+    at = 0.0
+    for end in changes:
+        u = in_force(law, (at + end) / 2.0, sent)
+        block = np.block([[plant.A, plant.B @ u], [np.zeros((1, 7))]])
+        x = (expm(block * (end - at)) @ np.vstack([x, [[1.0]]]))[:6]
+        at = float(end)
+        if at in ends:
+            assert np.allclose((modes.V @ turned(law, 0.0, at, z, sent)).real, x, atol=1e-11 * np.abs(x).max())
+    step = turned(law, 0.0, 0.4, z, sent)
+    assert np.allclose(turned(law, 0.4, 0.9, step, sent), turned(law, 0.0, 0.9, z, sent), atol=1e-11)
+
+
+def test_motion_of_a_pole_at_zero_is_an_integral() -> None:
+    law = law_of(np.random.default_rng(0))
+    law = law._replace(poles=np.zeros_like(law.poles), downlink_s=np.zeros(2))
+    z = turned(law, 0.0, 3.0, np.zeros((len(law.poles), 1), complex), Sent(np.array([1.0]), np.ones((1, 2, 1))))
+    assert np.allclose(z[:, 0], 2.0 * law.B.sum(axis=1))
+
+
+def test_modes_of_a_defective_matrix_are_near_it() -> None:
+    A = -np.eye(4) + np.diag([1.0, 1.0, 0.0], 1)
+    modes = modal(A)
+    motion = (modes.V @ (np.exp(modes.poles)[:, None] * modes.W)).real
+    assert np.allclose(motion, expm(A), atol=1e-6)
+
+
+def test_washout_is_a_state_of_the_plant() -> None:
+    plant = plant_of(np.random.default_rng(1))
+    of = washed(plant, np.array([0.0, 3.0]))
+    s = 0.7j
+    plain = plant.C @ np.linalg.solve(s * np.eye(6) - plant.A, plant.B) + plant.D
+    whole = of.C @ np.linalg.solve(s * np.eye(7) - of.A, of.B) + of.D
+    assert np.allclose(whole, np.array([[1.0], [3.0 * s / (1.0 + 3.0 * s)]]) * plain)
+
+
+@pytest.mark.parametrize("age_s", [0.0, 0.004, 2.0 / RATE - 0.013, 0.1, 0.3])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_matrices_give_the_steps_of_the_class(seed: int, age_s: float) -> None:
+    random = np.random.default_rng(seed)
+    law = law_of(random)
+    observer, largest = observer_of(law, 1e30, 1e30), 0.0
+    A, B, C, D = matrices(law, age_s)
+    x = np.zeros(len(A))
+    for k in range(60):
+        y = random.normal(size=2)
+        u = observer.step(1.0 + k / RATE + age_s, y, np.full(2, age_s), np.ones(2, bool))
+        expected, x = C @ x + D @ y, A @ x + B @ y
+        largest = max(largest, float(np.abs(expected).max()))
+        assert np.abs(u - expected).max() <= 1e-12 * largest
+
+
+def seen_states(random: np.random.Generator) -> ObserverLaw:
+    """A law that sees each state, so its estimate is exact after a frame."""
+    law = law_of(random)
+    turning = law.poles.imag > 0.0
+    modes = len(law.poles)
+    C = np.vstack([np.eye(modes), -1j * np.eye(modes)[turning]])
+    M = np.hstack([np.eye(modes), 1j * np.eye(modes)[:, turning]])
+    signals = len(C)
+    return law._replace(C=C, D=random.normal(size=(signals, 2)), M=M, S=np.eye(signals))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_prediction_is_exact_whatever_the_ages(seed: int) -> None:
+    """Setpoints are those of who knows the state at the time at which they act."""
+    random = np.random.default_rng(100 + seed)
+    law = seen_states(random)
+    observer, modes = observer_of(law), len(law.poles)
+    z = random.normal(size=(modes, 1)) * np.where(law.poles.imag > 0.0, 1.0 + 1.0j, 1.0)[:, None]
+    sent, at, arrival = Sent(np.zeros(0), np.zeros((0, 2, 1))), 0.0, 0.0
+    for _ in range(80):
+        measured = at + float(random.integers(1, 4)) / RATE  # frames are lost
+        arrival = max(arrival, measured) + float(random.uniform(0.001, 0.05))
+        z, at = turned(law, at, measured, z, sent), measured
+        y = (law.C @ z).real + law.D @ in_force(law, measured, sent)
+        u = observer.step(arrival, y[:, 0], np.full(len(y), arrival - measured), np.ones(len(y), bool))
+        sent = sent.after(arrival, np.zeros((2, 1)))
+        ahead, then = z, measured
+        for d in (0, 1):  # the first acts earlier
+            ahead = turned(law, then, arrival + law.downlink_s[d], ahead, sent)
+            then = arrival + law.downlink_s[d]
+            sent.effect[-1, d] = u[d]
+            assert u[d] == pytest.approx(-float((law.K[d] @ ahead).real[0]), rel=1e-9, abs=1e-12)
+
+
+def test_signals_count_at_their_own_times() -> None:
+    """The estimate is the same whatever the order in which signals arrive."""
+    random = np.random.default_rng(7)
+    law = law_of(random)
+    law = law._replace(K=0.0 * law.K)
+    values = random.normal(size=(20, 2))
+    late, whole = observer_of(law), observer_of(law)
+    for k in range(20):
+        whole.step(k / RATE + 0.1, values[k], np.full(2, 0.1), np.ones(2, bool))
+        second = max(k - 3, 0)
+        age_s = np.array([0.1, 0.1 + (k - second) / RATE])
+        late.step(k / RATE + 0.1, np.array([values[k, 0], values[second, 1]]), age_s, np.array([True, k >= 3 or k == 0]))
+    for k in (17, 18, 19):
+        late.step(k / RATE + 0.15, values[k], np.array([0.15 + 0.01, 0.15]), np.array([False, True]))
+    assert np.allclose(late.estimates[-1].z, whole.estimates[-1].z, rtol=1e-9, atol=1e-12)
+
+
+def test_estimate_restarts_after_a_long_gap() -> None:
+    law = law_of(np.random.default_rng(3))
+    observer, again = observer_of(law), observer_of(law)
+    first = [observer.step(t, np.ones(2), np.zeros(2), np.ones(2, bool)) for t in (0.0, 0.1, 30.0)]
+    observer.reset()
+    assert np.array_equal(first[0], observer.step(0.0, np.ones(2), np.zeros(2), np.ones(2, bool)))
+    again.step(30.0, np.ones(2), np.zeros(2), np.ones(2, bool))
+    assert np.array_equal(again.estimates[-1].z[:, 0], observer_after(law).estimates[-1].z[:, 0])
+
+
+def observer_after(law: ObserverLaw) -> AgeObserver:
+    observer = observer_of(law)
+    for t in (0.0, 0.1, 30.0):
+        observer.step(t, np.ones(2), np.zeros(2), np.ones(2, bool))
+    return observer
+
+
+def test_setpoints_are_within_limits_and_rates() -> None:
+    random = np.random.default_rng(4)
+    observer, before = observer_of(law_of(random), 0.1, 1.0), None
+    for k in range(100):
+        u = observer.step(k / RATE, 10.0 * random.normal(size=2), np.zeros(2), np.ones(2, bool))
+        assert np.abs(u).max() <= 0.1
+        assert before is None or np.abs(u - before).max() <= 1.0 / RATE + 1e-12
+        before = u
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_innovations_of_signs_are_those_of_an_observer_with_them(seed: int) -> None:
+    """Superposition: an observer whose B and D have the signs has the innovations that the quadratic form says."""
+    random = np.random.default_rng(seed)
+    law = law_of(random, margin=1e12)
+    signs = random.integers(-1, 2, 2).astype(float)
+    other = law._replace(B=law.B * signs, D=law.D * signs)
+    plain, signed = observer_of(law), observer_of(other)
+    for k in range(40):
+        y, t = random.normal(size=2), k / RATE + 0.05
+        plain.step(t, y, np.full(2, 0.05), np.ones(2, bool))
+        signed.sent = plain.sent
+        signed._insert(round(t - 0.05, 12), y, np.ones(2, bool))
+        z = plain.estimates[-1].z @ np.append(1.0, signs)
+        assert np.allclose(z, signed.estimates[-1].z.sum(axis=1), atol=1e-9 * max(1.0, np.abs(z).max()))
+
+
+def two_modes(**fields: Any) -> ObserverLaw:
+    """0.5 and 0.8 Hz, poorly damped; each device moves both."""
+    poles = np.array([-0.1 + 3.1j, -0.2 + 5.0j])
+    parts = [np.array([[pole.real, pole.imag], [-pole.imag, pole.real]]) for pole in poles]
+    A = np.block([[parts[0], np.zeros((2, 2))], [np.zeros((2, 2)), parts[1]]])
+    B = np.array([[1.0, 0.3], [0.0, 0.2], [0.4, -1.0], [0.3, 0.0]])
+    C = np.array([[1.0, 0.0, 0.5, 0.0], [0.3, 0.0, -1.0, 0.0]])
+    G, Z = np.array([[0.0], [1.0], [0.0], [1.0]]), np.eye(4)[[0, 2]]
+    criterion = Criterion(np.ones(2), 0.3, np.full(2, 0.02), RATE)
+    return observer_law(DesignModel(A, B, G, C, np.zeros((2, 2)), Z), criterion, np.full(2, 0.02))._replace(**fields)
+
+
+def closed_loop(law: ObserverLaw, signs: Callable[[int], Array], seed: int, frames: int) -> AgeObserver:
+    """The observer with its own model as the plant, whose devices act with signs by frame; noise at both ends."""
+    random, observer = np.random.default_rng(seed), observer_of(law, 0.3, 10.0)
+    z, sent, age_s = np.zeros((len(law.poles), 1), complex), Sent(np.zeros(0), np.zeros((0, 2, 1))), 0.08
+    for k in range(frames):
+        t = k / RATE
+        z = turned(law, t - 1.0 / RATE, t, z, sent)
+        z = z + 0.003 * (random.normal(size=z.shape) + 1j * random.normal(size=z.shape))
+        y = (law.C @ z).real + 0.003 * random.normal(size=(2, 1))
+        u = observer.step(t + age_s, y[:, 0], np.full(2, age_s), np.ones(2, bool))
+        sent = sent.after(t + age_s, (signs(k) * u)[:, None])
+    return observer
+
+
+@pytest.mark.parametrize("truth", [(1.0, 1.0), (-1.0, 1.0), (1.0, 0.0), (-1.0, -1.0)])
+def test_signs_of_actuators_are_recognised_and_come_back(truth: tuple[float, float]) -> None:
+    law = two_modes(margin=60.0, memory_s=5.0)
+    after = closed_loop(law, lambda _: np.array(truth), 1, 900)
+    assert after.signs.tolist() == list(truth)
+    back = closed_loop(law, lambda k: np.array(truth if k < 600 else (1.0, 1.0)), 2, 1500)
+    assert back.signs.tolist() == [1.0, 1.0]
+
+
+def test_evidence_of_one_frame_is_limited() -> None:
+    one = with_innovations(without_evidence(1), np.array([[1.0, -2.0]]), np.eye(1), np.ones(1, bool), 1.0)
+    far = with_innovations(one, np.array([[1e6, -1.0]]), np.eye(1), np.ones(1, bool), 1.0)
+    assert far.E <= one.E + 9.1
+    every, log_ratios = ratios(one)
+    assert log_ratios[every[:, 0].tolist().index(1.0)] == 0.0
+    assert decided(one, 1e3).signs.tolist() == [1.0]
+
+
+def test_parameters_keep_the_law_and_refuse_others() -> None:
+    law = law_of(np.random.default_rng(2), margin=12.0)
+    parameters = to_parameters(law)
+    again = from_parameters(parameters, 2, 2)
+    assert all(np.array_equal(a, b) for a, b in zip(law, again, strict=True))
+    for wrong in ({"gain": 1.0}, {"K.re": [1.0]}):
+        with pytest.raises(InputError, match="allowed"):
+            from_parameters({**parameters, **wrong}, 2, 2)
+    with pytest.raises(InputError, match=r"parameters\.S: none given"):
+        from_parameters({name: value for name, value in parameters.items() if name != "S"}, 2, 2)
+    observer = observer_of(law)
+    with pytest.raises(InputError, match="frame_rate"):
+        observer_of(law._replace(frame_rate=50)).__init__(replace_rate(observer))  # type: ignore[misc]
+
+
+def replace_rate(observer: AgeObserver) -> Any:
+    parameters = to_parameters(observer.law)
+    limits = np.ones(2)
+    names = {"signals": ["a", "b"], "devices": ["c", "d"]}
+    return SimpleNamespace(**names, limits=limits, rates=limits, frame_rate=50, parameters=parameters)
+
+
+@pytest.mark.parametrize("link", ["ideal", "delay_100ms"])
+def test_law_with_a_constant_delay_is_the_lqg(link: str) -> None:
+    """Setpoints in a run that reaches no limit; times are of whole nanoseconds there."""
+    step = {"time": 1.0, "kind": "load_step", "load": "load_1", "change": -0.0005}
+    fields = {"duration": 6, "link": link, "scenario": [step]}
+    case = load_case("two_area_free", ["controllers.0.name=LQG", f"link={link}"])
+    plant, controller = plant_residues(case), case.controllers[0]
+    assert plant is not None
+    late = np.array([mean_delay(case.link.down, case.run.devices)])
+    law = from_lqg(plant, case.designed_on, controller, late)
+    rows = {"name": "LQG"}, {"name": "mine", "policy": POLICY, "parameters": to_parameters(law)}
+    lqg, ours = (fd.simulate("two_area_free", controllers=[row], **fields).issued["value"] for row in rows)
+    assert np.abs(lqg).max() > 1e-4
+    assert np.abs(ours - lqg).max() < 1e-6 * np.abs(lqg).max()
