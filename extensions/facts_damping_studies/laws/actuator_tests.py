@@ -30,19 +30,19 @@ class Evidence(NamedTuple):
     E: float
     r: Float1  # (devices,)
     Q: Float2  # (devices, devices)
-    count: float
+    number: float  # of signals
     signs: Float1  # (devices,), what counts: +1, 0 or -1
     sent: Float1  # (devices,), by which setpoints are multiplied: +1 or -1
 
     def squares(self, signs: Float2) -> Float1:
-        """R of each row of signs."""
+        """The R of each row of signs."""
         squares: Float1 = self.E - 2.0 * signs @ self.r + np.einsum("hi,ij,hj->h", signs, self.Q, signs)
         return squares
 
     @property
     def variance(self) -> float:
         """Of the innovations relative to S, with the signs that count."""
-        return max(1.0, float(self.squares(self.signs[None])[0]) / max(self.count, 1.0))
+        return max(1.0, float(self.squares(self.signs[None])[0]) / max(self.number, 1.0))
 
 
 def without_evidence(devices: int) -> Evidence:
@@ -51,26 +51,26 @@ def without_evidence(devices: int) -> Evidence:
 
 
 def with_innovations(before: Evidence, innovations: Float2, S: Float2, fresh: Bool1, forgetting: float) -> Evidence:
-    """With those of a frame: (signals, 1 + devices), the first column e, then those of -F; `forgetting`: of the sums."""
+    """With those of a frame, (signals, 1 + devices): e, then the columns of -F; `forgetting`: factor of the sums."""
     whitened = np.linalg.solve(np.linalg.cholesky(S[np.ix_(fresh, fresh)]), innovations[fresh])
     e, F = whitened[:, 0], -whitened[:, 1:]
     now, weight = e - F @ before.signs, 1.0
-    if before.count > 0.0:
+    if before.number > 0.0:
         most = MOST * before.variance * len(e)
         weight = most / max(most, float(now @ now))
     return before._replace(
         E=forgetting * before.E + weight * float(e @ e),
         r=forgetting * before.r + weight * F.T @ e,
         Q=forgetting * before.Q + weight * F.T @ F,
-        count=forgetting * before.count + weight * len(e),
+        number=forgetting * before.number + weight * len(e),
     )
 
 
 def ratios(of: Evidence) -> tuple[Float2, Float1]:
-    """All hypotheses, (hypotheses, devices), and the log of the likelihood of each over that of the signs that count."""
+    """All hypotheses, (hypotheses, devices), and the log of the likelihood of each over that of the present one."""
     every = np.array(list(product((1.0, 0.0, -1.0), repeat=len(of.signs))))
     squares = of.squares(every)
-    variance = max(1.0, float(squares.min()) / max(of.count, 1.0))
+    variance = max(1.0, float(squares.min()) / max(of.number, 1.0))
     return every, (of.squares(of.signs[None]) - squares) / (2.0 * variance)
 
 

@@ -24,7 +24,6 @@ from facts_damping.errors import InputError
 from facts_damping_studies.laws.actuator_tests import Evidence, decided, with_innovations, without_evidence
 from facts_damping_studies.laws.observer_law import (
     SAME_S,
-    ObserverLaw,
     Sent,
     corrected,
     feedback,

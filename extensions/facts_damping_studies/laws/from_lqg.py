@@ -4,8 +4,8 @@ The criterion, the disturbances and the noise are those of `small_signal.lqg`, b
 by the measured age; for a constant delay of whole frames and PMUs without a filter both laws are the same.
 
 - Washouts are states: df/dt = (y - f) / Tw, of which y - f is the signal.
-- A mode exp(lambda t) comes through a PMU's filter with the factor sum_j g_j exp(-lambda (j / rate - latency)), relative
-  to the instant of the frame. So the filter has no states; what setpoints add within its window is neglected.
+- A mode exp(lambda t) comes through a PMU's filter with the factor sum_j g_j exp(-lambda (j / rate - latency)),
+  relative to the instant of the frame. So the filter has no states; what setpoints add within its window is neglected.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from facts_damping.small_signal.lqg import (
     sampled,
     without_integrals,
 )
-from facts_damping.small_signal.zero_order_hold import held_for
 from facts_damping_studies.laws.observer_law import ObserverLaw
 
 if TYPE_CHECKING:
@@ -85,7 +84,8 @@ def observer_law(small: DesignModel, criterion: Criterion, downlink_s: Float1) -
     step = sampled(small, frame_rate, 0.0)
     try:
         K = regulator_gain(step, small.Z, limits, weight)[:, : len(small.A)]
-        M = filter_gain(step.Phi, -np.linalg.solve(small.A, small.G), small.C, noise)
+        rest = np.linalg.solve(small.A, -small.G).astype(np.float64)  # equilibrium after a step of each torque
+        M = filter_gain(step.Phi, rest, small.C, noise)
     except np.linalg.LinAlgError as error:
         problem = "a plant with an undamped mode given that is not observable or not controllable"
         raise InputError(f"laws: {problem}; allowed: signals and devices for which all such modes are") from error

@@ -56,8 +56,8 @@ class Sent(NamedTuple):
 
 
 def turned(law: ObserverLaw, start_s: float, end_s: float, z: Complex2, sent: Sent) -> Complex2:
-    """z (modes, columns) at `end_s` from that at `start_s`."""
-    after = np.exp(law.poles * (end_s - start_s))[:, None] * z
+    """The z (modes, columns) at `end_s` from that at `start_s`."""
+    after = np.asarray(np.exp(law.poles * (end_s - start_s))[:, None] * z, np.complex128)
     for d, late in enumerate(law.downlink_s):
         acts = sent.issued_s + late
         first = max(0, int(np.searchsorted(acts, start_s, "right")) - 1)
@@ -70,11 +70,11 @@ def turned(law: ObserverLaw, start_s: float, end_s: float, z: Complex2, sent: Se
 
 
 def held(poles: Complex1, seconds: Float1) -> Complex2:
-    """phi of each pole at each time, (modes, times)."""
+    """Function phi of each pole at each time, (modes, times)."""
     exponents = poles[:, None] * seconds
     still = np.abs(exponents) < 1e-300
-    ratio: Complex2 = np.where(still, 1.0, np.expm1(exponents) / np.where(still, 1.0, exponents)) * seconds
-    return ratio
+    ratio = np.where(still, 1.0, np.expm1(exponents) / np.where(still, 1.0, exponents))
+    return np.asarray(ratio * seconds, np.complex128)
 
 
 def in_force(law: ObserverLaw, at_s: float, sent: Sent) -> Float2:
@@ -88,13 +88,13 @@ def in_force(law: ObserverLaw, at_s: float, sent: Sent) -> Float2:
 
 
 def innovation(law: ObserverLaw, at_s: float, z: Complex2, sent: Sent, y: Float2) -> Float2:
-    """y (signals, columns) less what is expected."""
+    """Signals y (signals, columns) less what is expected."""
     expected: Float2 = (law.C @ z).real + law.D @ in_force(law, at_s, sent)
     return y - expected
 
 
 def corrected(law: ObserverLaw, z: Complex2, innovations: Float2, fresh: Bool1) -> Complex2:
-    """z after the innovations of the signals that are fresh."""
+    """The z after the innovations of the signals that are fresh."""
     after: Complex2 = z + law.M[:, fresh] @ innovations[fresh]
     return after
 
@@ -115,7 +115,7 @@ def feedback(
     return after
 
 
-def matrices(law: ObserverLaw, age_s: float) -> tuple[Float2, Float2, Float2, Float2]:
+def sampled_law(law: ObserverLaw, age_s: float) -> tuple[Float2, Float2, Float2, Float2]:
     """A, B, C, D of x(k+1) = A x(k) + B y(k), u(k) = C x(k) + D y(k): the law for frames of one age, without limits.
 
     x: real and imaginary parts of z after the frame before (of real modes the real ones alone), then the setpoints of
@@ -126,7 +126,7 @@ def matrices(law: ObserverLaw, age_s: float) -> tuple[Float2, Float2, Float2, Fl
     past = int((age_s + float(law.downlink_s.max())) / period + SAME_S) + 2
     n = modes + int(turning.sum()) + past * devices
     rows = np.eye(n + len(law.C))
-    z = rows[:modes] + 0.0j
+    z: Complex2 = rows[:modes].astype(np.complex128)
     z[turning] += 1j * rows[modes : n - past * devices]
     before = rows[n - past * devices : n].reshape(past, devices, -1)
     sent = Sent(age_s - period * np.arange(past, 0.0, -1.0), before[::-1])
@@ -165,10 +165,9 @@ def from_parameters(parameters: Mapping[str, Any], signals: int, devices: int) -
             text = f"parameters.{name}: {np.size(parameters[name])} numbers given; allowed: {length}"
             raise InputError(f"{text}, for {signals} signals, {devices} devices and {modes} modes")
 
-    def array(name: str) -> Float1:
-        return np.asarray(parameters[name], np.float64)
-
-    modal = {name: (array(f"{name}.re") + 1j * array(f"{name}.im")).reshape(shapes[name]) for name in MODAL}
-    real = {name: array(name).reshape(shapes[name]) for name in REAL}
-    numbers = {name: float(parameters[name]) for name in ("memory_s", "margin") if name in parameters}
-    return ObserverLaw(**modal, **real, frame_rate=round(float(parameters["frame_rate"])), **numbers)
+    arrays: dict[str, Any] = {name: np.asarray(parameters[name], np.float64) for name in lists}
+    for name in MODAL:
+        arrays[name] = arrays.pop(f"{name}.re") + 1j * arrays.pop(f"{name}.im")
+    fields: dict[str, Any] = {name: values.reshape(shapes[name]) for name, values in arrays.items()}
+    fields |= {name: float(parameters[name]) for name in ("memory_s", "margin") if name in parameters}
+    return ObserverLaw(**fields, frame_rate=round(float(parameters["frame_rate"])))
