@@ -23,6 +23,7 @@ from facts_damping_studies.laws.observer_law import (
     Sent,
     from_parameters,
     in_force,
+    innovation,
     sampled_law,
     to_parameters,
     turned,
@@ -52,6 +53,12 @@ def law_of(random: np.random.Generator, **fields: Any) -> ObserverLaw:
     criterion = Criterion(np.array([0.5, 2.0]), 0.1, np.array([0.1, 0.2]), RATE)
     plant = plant_of(random)
     return observer_law(plant, criterion, np.array([0.013, 0.047]))._replace(**fields)
+
+
+def filtered_law_of(random: np.random.Generator) -> ObserverLaw:
+    """With a filter of seven samples, three of them in two frames before the instant, three in a frame after it."""
+    taps, offsets = random.normal(size=(2, 7)), np.r_[2.0, 1.3, 0.7, 0.0, -0.5, -1.0, -2.0] / RATE / 2.0
+    return law_of(random)._replace(taps=taps, offsets_s=offsets)
 
 
 def observer_of(law: ObserverLaw, limit: float = 1e6, rate: float = 1e9, frame_rate: int = RATE) -> AgeObserver:
@@ -113,11 +120,12 @@ def test_washout_is_a_state_of_the_plant() -> None:
     assert np.allclose(whole, np.array([[1.0], [3.0 * s / (1.0 + 3.0 * s)]]) * plain)
 
 
-@pytest.mark.parametrize("age_s", [0.0, 0.004, 2.0 / RATE - 0.013, 0.1, 0.3])
+@pytest.mark.parametrize("make", [law_of, filtered_law_of])
+@pytest.mark.parametrize("age_s", [0.02, 0.024, 3.0 / RATE - 0.013, 0.1, 0.3])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_sampled_law_gives_the_steps_of_the_class(seed: int, age_s: float) -> None:
+def test_sampled_law_gives_the_steps_of_the_class(seed: int, age_s: float, make: Callable[..., ObserverLaw]) -> None:
     random = np.random.default_rng(seed)
-    law = law_of(random)
+    law = make(random)
     observer, largest = observer_of(law, 1e30, 1e30), 0.0
     A, B, C, D = sampled_law(law, age_s)
     x = np.zeros(len(A))
@@ -137,7 +145,9 @@ def seen_states(random: np.random.Generator) -> ObserverLaw:
     C = np.vstack([np.eye(modes), -1j * np.eye(modes)[turning]])
     M = np.hstack([np.eye(modes), 1j * np.eye(modes)[:, turning]])
     signals = len(C)
-    return law._replace(C=C, D=random.normal(size=(signals, 2)), M=M, S=np.eye(signals))
+    return law._replace(
+        C=C, C_s=C, taps=np.ones((signals, 1)), D=random.normal(size=(signals, 2)), M=M, S=np.eye(signals)
+    )
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -161,6 +171,23 @@ def test_prediction_is_exact_whatever_the_ages(seed: int) -> None:
             then = arrival + law.downlink_s[d]
             sent.effect[-1, d] = u[d]
             assert u[d] == pytest.approx(-float((law.K[d] @ ahead).real[0]), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_innovation_is_zero_for_samples_of_the_model(seed: int) -> None:
+    """The samples of a filter before and after the instant, whatever setpoints change in between."""
+    random = np.random.default_rng(seed)
+    law = filtered_law_of(random)
+    sent = Sent(np.sort(random.uniform(0.9, 1.05, 9)), random.normal(size=(9, 2, 1)))
+    z = turned(law, 0.0, 0.9, random.normal(size=(len(law.poles), 1)).astype(np.complex128), sent)
+    y = np.zeros((2, 1))
+    for tap, offset in zip(law.taps.T, law.offsets_s, strict=True):
+        sample = turned(law, 0.9, 1.0 + offset, z, sent)
+        y += tap[:, None] * ((law.C_s @ sample).real + law.D @ in_force(law, 1.0 + offset, sent))
+    gain = (law.taps[:, None] * np.exp(law.poles[:, None] * law.offsets_s)).sum(axis=2)
+    law = law._replace(C=law.C_s * gain)
+    now = turned(law, 0.9, 1.0, z, sent)
+    assert np.abs(innovation(law, 1.0, now, sent, y)).max() < 1e-10 * np.abs(y).max()
 
 
 def test_signals_count_at_their_own_times() -> None:

@@ -148,6 +148,7 @@ class AgeObserver:
         """Forget frames that no signal can precede, and setpoints that others have followed by then."""
         while len(self.estimates) > 1 and self.estimates[1].measured_s < newest_s - REACH_S:
             del self.estimates[0]
-        acted = self.sent.issued_s + float(self.law.downlink_s.max()) < self.estimates[0].measured_s - SAME_S
+        oldest_s = self.estimates[0].measured_s + min(0.0, float(self.law.offsets_s.min()))
+        acted = self.sent.issued_s + float(self.law.downlink_s.max()) < oldest_s - SAME_S
         first = max(0, int(acted.sum()) - 1)
         self.sent = Sent(self.sent.issued_s[first:], self.sent.effect[first:])

@@ -5,7 +5,8 @@ by the measured age; for a constant delay of whole frames and PMUs without a fil
 
 - Washouts are states: df/dt = (y - f) / Tw, of which y - f is the signal.
 - A mode exp(lambda t) comes through a PMU's filter with the factor sum_j g_j exp(-lambda (j / rate - latency)),
-  relative to the instant of the frame. So the filter has no states; what setpoints add within its window is neglected.
+  relative to the instant of the frame, so the filter has no states. The signal of a washout gets what setpoints add
+  within the filter's window; the washout's own state gets the filter's gain at rest.
 """
 
 from __future__ import annotations
@@ -72,14 +73,17 @@ def from_lqg(plant: Residues, system: System, controller: Controller, downlink_s
         seen = magnitudes(filters.C @ plant.shape) * size / magnitudes(plant.mode_shape[rows])
     small = reduced(whole, names, limits, seen)
     if filters is not None:
-        small = through(small, filters._replace(C=small.C, D=small.D))
+        filters = filters._replace(C=small.C, D=small.D)
+        small = through(small, filters)
     noise = np.array(controller.parameters["measurement_noise"]) * size
     criterion = Criterion(limits, controller.number("control_weight"), noise, plant.frame_rate)
-    return observer_law(washed(small, plant.model.washout[rows]), criterion, downlink_s)
+    return observer_law(washed(small, plant.model.washout[rows]), criterion, downlink_s, filters)
 
 
-def observer_law(small: DesignModel, criterion: Criterion, downlink_s: Float1) -> ObserverLaw:
-    """The law for a plant with its signals as controllers receive them."""
+def observer_law(
+    small: DesignModel, criterion: Criterion, downlink_s: Float1, filters: Filtered | None = None
+) -> ObserverLaw:
+    """The law for a plant with its signals as controllers receive them; `filters` has C of its first states, and D."""
     limits, weight, noise, frame_rate = criterion
     step = sampled(small, frame_rate, 0.0)
     try:
@@ -91,8 +95,13 @@ def observer_law(small: DesignModel, criterion: Criterion, downlink_s: Float1) -
         raise InputError(f"laws: {problem}; allowed: signals and devices for which all such modes are") from error
     S = np.linalg.solve(np.eye(len(noise)) - small.C @ M, np.diag((STILL * noise / noise.min()) ** 2))
     modes = modal(small.A)
-    parts = modes.W @ small.B, small.C @ modes.V, small.D, modes.W @ M, K @ modes.V
-    return ObserverLaw(modes.poles, *parts, (S + S.T) / 2.0, downlink_s, frame_rate)
+    C = small.C @ modes.V
+    seen = C, small.D, np.ones((len(C), 1)), np.zeros(1)
+    if filters is not None:
+        offsets = filters.delay - np.arange(filters.taps.shape[1]) / filters.rate
+        seen = filters.C @ modes.V[: filters.C.shape[1]], filters.D, filters.taps, offsets
+    parts = modes.W @ M, K @ modes.V, (S + S.T) / 2.0
+    return ObserverLaw(modes.poles, modes.W @ small.B, C, *seen, *parts, downlink_s, frame_rate)
 
 
 def washed(small: DesignModel, washout: Float1) -> DesignModel:

@@ -1,6 +1,6 @@
 """The data of an observer with state feedback in modal form, and its exact motion over any time.
 
-    dz/dt = Lambda z + B u,  y = Re(C z) + D u,  u = -Re(K z)
+    dz/dt = Lambda z + B u,  y(t) = sum_j g_j (Re(C_s z) + D u at t + offset_j),  u = -Re(K z)
 
 with one complex z for each pair of complex modes (that of positive imaginary part, of which C and K have twice the
 value), and a real one for each real mode. With setpoints that are held,
@@ -8,7 +8,10 @@ value), and a real one for each real mode. With setpoints that are held,
     z(t) = exp(Lambda t) z(0) + phi(t) B u,  phi(t) = (exp(Lambda t) - 1) / Lambda,
 
 so no step is too long (K. J. Astrom, B. Wittenmark, Computer-Controlled Systems, 3rd ed. 1997, 2.3). A setpoint acts
-from its issue plus `downlink_s` of its device. All functions take several columns, for which the same holds.
+from its issue plus `downlink_s` of its device. PMUs with a filter weight samples before and after the instant of a
+frame; without one there is the sample itself. C has the signals' part of free motion, Re(C z(t)), so setpoints that
+change within a filter's window add what they do between t and each sample. All functions take several columns, for
+which the same holds.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
     from facts_damping.compiling.structs import Bool1, Complex1, Complex2, Float1, Float2, Float3
 
 SAME_S = 1e-9  # times this close are the same: a measurement at a change of setpoints is of before
-MODAL, REAL = ("poles", "B", "C", "M", "K"), ("D", "S", "downlink_s")
+MODAL, REAL = ("poles", "B", "C", "C_s", "M", "K"), ("D", "taps", "offsets_s", "S", "downlink_s")
 
 
 class ObserverLaw(NamedTuple):
@@ -34,8 +37,11 @@ class ObserverLaw(NamedTuple):
     poles: Complex1  # Lambda, (modes,), 1/s, imaginary parts at least 0
     B: Complex2  # (modes, devices)
     C: Complex2  # (signals, modes)
-    D: Float2  # (signals, devices)
-    M: Complex2  # (modes, signals): z <- z + M (y - Re(C z) - D u)
+    C_s: Complex2  # (signals, modes), of a sample
+    D: Float2  # (signals, devices), of a sample
+    taps: Float2  # (signals, samples), g
+    offsets_s: Float1  # (samples,), of the samples from the instant of a frame
+    M: Complex2  # (modes, signals): z <- z + M (y - what is expected)
     K: Complex2  # (devices, modes)
     S: Float2  # (signals, signals), least covariance of the innovations, as of noise
     downlink_s: Float1  # (devices,), from the issue of a setpoint to its effect, with the dead time
@@ -88,9 +94,28 @@ def in_force(law: ObserverLaw, at_s: float, sent: Sent) -> Float2:
 
 
 def innovation(law: ObserverLaw, at_s: float, z: Complex2, sent: Sent, y: Float2) -> Float2:
-    """Signals y (signals, columns) less what is expected."""
-    expected: Float2 = (law.C @ z).real + law.D @ in_force(law, at_s, sent)
+    """Signals y (signals, columns) of an instant less what is expected."""
+    everything = np.ones(len(law.offsets_s))
+    acting = in_force(law, at_s, sent)
+    expected: Float2 = (law.C @ z).real
+    for d, late in enumerate(law.downlink_s):
+        expected = expected + _weighted(law, d, 0.0, everything)[:, None] * acting[d]
+        changes = sent.issued_s + late - at_s
+        first, last = np.searchsorted(changes, [law.offsets_s.min() - SAME_S, law.offsets_s.max() - SAME_S])
+        for i in range(first, last):
+            change = sent.effect[i, d] - (sent.effect[i - 1, d] if i else 0.0)
+            past = law.offsets_s > changes[i] + SAME_S
+            counted = -1.0 * ~past if changes[i] < -SAME_S else 1.0 * past
+            expected = expected + _weighted(law, d, float(changes[i]), counted)[:, None] * change
     return y - expected
+
+
+def _weighted(law: ObserverLaw, d: int, since_s: float, counted: Float1) -> Float1:
+    """What a step of device d's setpoint at a time from the instant adds to the samples that count, (signals,)."""
+    which = counted != 0.0
+    samples = (law.C_s @ (law.B[:, d, None] * held(law.poles, law.offsets_s[which] - since_s))).real
+    weighted: Float1 = (law.taps[:, which] * (samples + law.D[:, d, None]) * counted[which]).sum(axis=1)
+    return weighted
 
 
 def corrected(law: ObserverLaw, z: Complex2, innovations: Float2, fresh: Bool1) -> Complex2:
@@ -119,11 +144,13 @@ def sampled_law(law: ObserverLaw, age_s: float) -> tuple[Float2, Float2, Float2,
     """A, B, C, D of x(k+1) = A x(k) + B y(k), u(k) = C x(k) + D y(k): the law for frames of one age, without limits.
 
     x: real and imaginary parts of z after the frame before (of real modes the real ones alone), then the setpoints of
-    the frames before, the newest first. The setpoint of a frame is issued `age_s` after its measurement.
+    the frames before, the newest first. The setpoint of a frame is issued `age_s` after its measurement, when all of a
+    filter's samples have been there.
     """
     period, (devices, modes) = 1.0 / law.frame_rate, law.K.shape
     turning = law.poles.imag > 0.0
-    past = int((age_s + float(law.downlink_s.max())) / period + SAME_S) + 2
+    reach = max(period, -float(law.offsets_s.min()))
+    past = int((age_s + float(law.downlink_s.max()) + reach) / period + SAME_S) + 2
     n = modes + int(turning.sum()) + past * devices
     rows = np.eye(n + len(law.C))
     z: Complex2 = rows[:modes].astype(np.complex128)
@@ -151,7 +178,9 @@ def to_parameters(law: ObserverLaw) -> dict[str, float | list[float]]:
 def from_parameters(parameters: Mapping[str, Any], signals: int, devices: int) -> ObserverLaw:
     """The law of `to_parameters`. Raises `InputError` for missing names and other lengths."""
     modes = np.size(parameters.get("poles.re", ()))
-    shapes = {"poles": (modes,), "B": (modes, devices), "C": (signals, modes), "D": (signals, devices)}
+    samples = np.size(parameters.get("offsets_s", ()))
+    shapes = {"poles": (modes,), "B": (modes, devices), "C": (signals, modes), "C_s": (signals, modes)}
+    shapes |= {"D": (signals, devices), "taps": (signals, samples), "offsets_s": (samples,)}
     shapes |= {"M": (modes, signals), "K": (devices, modes), "S": (signals, signals), "downlink_s": (devices,)}
     lists = [f"{name}.{part}" for name in MODAL for part in ("re", "im")] + list(REAL)
     known = [*lists, "frame_rate", "memory_s", "margin"]
