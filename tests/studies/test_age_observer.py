@@ -289,12 +289,12 @@ def test_signs_of_actuators_are_recognised_and_come_back(truth: tuple[float, flo
 
 
 def test_evidence_of_one_frame_is_limited() -> None:
-    one = with_innovations(without_evidence(1), np.array([[1.0, -2.0]]), np.eye(1), np.ones(1, bool), 1.0)
-    far = with_innovations(one, np.array([[1e6, -1.0]]), np.eye(1), np.ones(1, bool), 1.0)
-    assert far.E <= one.E + 9.1
-    every, log_ratios = ratios(one)
+    first = with_innovations(without_evidence(1), np.array([[1.0, -2.0]]), np.eye(1), np.ones(1, bool), 1.0)
+    far = with_innovations(first, np.array([[1e6, -1.0]]), np.eye(1), np.ones(1, bool), 1.0)
+    assert far.E <= first.E + 9.1
+    every, log_ratios = ratios(first)
     assert log_ratios[every[:, 0].tolist().index(1.0)] == 0.0
-    assert decided(one, 1e3).signs.tolist() == [1.0]
+    assert decided(first, 1e3).signs.tolist() == [1.0]
 
 
 def test_parameters_keep_the_law_and_refuse_others() -> None:
