@@ -244,8 +244,8 @@ def optimal(
     torque = np.vstack([step.torque, np.zeros((states - len(step.torque), step.torque.shape[1]))])
     M = np.zeros((ends[-1], len(measurement_noise)))
     rest = solve(np.eye(states) - after[:states, :states], torque)  # equilibrium after a step of each torque
-    M[:states] = _filter(after[:states, :states], rest, y[:, :states], measurement_noise)
-    K = product(_regulator(step, small.Z, limits, control_weight), np.vstack([ahead, sent[1]]))
+    M[:states] = filter_gain(after[:states, :states], rest, y[:, :states], measurement_noise)
+    K = product(regulator_gain(step, small.Z, limits, control_weight), np.vstack([ahead, sent[1]]))
     n = ends[-1]
     return StateSpace(after[:, :n], after[:, n:], y[:, :n], M, K[:, :n])
 
@@ -264,14 +264,14 @@ def washouts(washout: Float1, period: float) -> tuple[Float2, Float2, Float2]:
     )
 
 
-def _filter(A: Float2, G: Float2, C: Float2, measurement_noise: Float1) -> Float2:
+def filter_gain(A: Float2, G: Float2, C: Float2, measurement_noise: Float1) -> Float2:
     """M of the Kalman filter, P C^T (C P C^T + R)^-1, with signals in units of their noise."""
     seen, eye = C / measurement_noise[:, None], np.eye(len(measurement_noise))
     P = riccati(A.T, seen.T, product(G, G.T), eye)
     return np.asarray(solve(product(seen, P, seen.T) + eye, product(seen, P)).T / measurement_noise)
 
 
-def _regulator(step: SampledModel, Z: Float2, limits: Float1, control_weight: float) -> Float2:
+def regulator_gain(step: SampledModel, Z: Float2, limits: Float1, control_weight: float) -> Float2:
     """K of u(k) = -K [x(k+f), u(k-1)], with setpoints in units of their limits."""
     n, devices = step.new.shape
     A = np.block([[step.Phi, step.old * limits], [np.zeros((devices, n + devices))]])
