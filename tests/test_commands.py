@@ -62,7 +62,9 @@ SHORT = {
     "score": ["--cases", "few_cases.yaml"],
     "compare": ["--seeds", "3", "--budget", "0"],
     "campaign": ["--draws", "2", "--graphs", "0"],
+    "design": ["--outages", "1"],
 }
+ONE_LAW = ["--law", "lead-lag"]  # of a design that names none, in place of all: tests/studies/test_robust_design.py
 GRAPHS = ("run", "replay")
 LONGER = {"modes": ["--set", "duration=2"]}  # its distributions need 1.6 s
 ON_DDS = {"README": "as users have it", "extensions": "a node that is a process of its own"}
@@ -125,7 +127,8 @@ def shortened(arguments: list[str], page: str) -> list[str]:
         return [*arguments, *only, "--set", "duration=1"]
     if name == "score" and "--system" in arguments:  # a set of its own, which `folder` makes short
         return arguments
-    return [*arguments, *SHORT.get(name, []), *(LONGER.get(page, []) if name == "run" else [])]
+    law = ONE_LAW if name == "design" and "--law" not in arguments else []
+    return [*arguments, *SHORT.get(name, []), *law, *(LONGER.get(page, []) if name == "run" else [])]
 
 
 WRITES = ("--out", "--json", "--linear", "--report")  # options that name files
