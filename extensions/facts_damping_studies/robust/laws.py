@@ -79,7 +79,8 @@ def problem(scenarios: Sequence[Scenario], setting: Setting, delays: Sequence[fl
     many = len(scenarios) * len(delays)
     step = max(1, len(scenarios) // TYPICAL)
     first = [*range(len(delays)), *range(step * len(delays), many, step * len(delays))]
-    return Problem(names, loops, np.array(responses), setting.noise / size, float(setting.frame_rate), first)
+    lost = frozenset(name for _, name, *_ in masks[len(scenarios) :])
+    return Problem(names, loops, np.array(responses), setting.noise / size, float(setting.frame_rate), first, lost)
 
 
 def starts(

@@ -48,6 +48,7 @@ class Problem(NamedTuple):
     noise: Array  # (signals,), rms, relative to their size
     frame_rate: float
     first: list[int]  # loops that count from the start of a tuning
+    lost: frozenset[str]  # scenarios of the intact grid without a signal or a device
 
     def of(self, chosen: Sequence[int]) -> Problem:
         """The problem with some of the loops."""

@@ -98,7 +98,7 @@ def opposed(problem: Problem, K: Array, states: int) -> dict[str, list[int]]:
     devices = K.shape[0] - states
     for name in dict.fromkeys(problem.scenarios):
         at = [i for i, scenario in enumerate(problem.scenarios) if scenario == name]
-        if not far[at].max() > TURNED:
+        if name in problem.lost or not far[at].max() > TURNED:
             continue
         for signs in product((1.0, -1.0), repeat=devices):
             other = K.copy()
