@@ -25,6 +25,7 @@ from facts_damping.small_signal.descriptor import eigenvalue_near
 from facts_damping.small_signal.eigenmodes import speeds
 from facts_damping.small_signal.linearisation import LinearModel, linear_model
 from facts_damping_studies.design import devices_alone
+from facts_damping_studies.design.places import free_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -133,7 +134,7 @@ def _grid(system: System, at_units: Sequence[Device]) -> Grid:
     renamed = [device.model_copy(update={"name": f"{device.name}_{i}"}) for i, device in enumerate(at_units)]
     placed = place(system.model_copy(update={"devices": [*system.devices, *renamed]}))
     names = {pmu.name for pmu in placed.pmus}
-    probes = [Pmu(name=_free(bus.name, names), bus=bus.name) for bus in placed.buses]
+    probes = [Pmu(name=free_name(bus.name, names), bus=bus.name) for bus in placed.buses]
     placed = placed.model_copy(update={"pmus": probes, "signals": {}})
     built = build(placed, [device.name for device in renamed], [], sparse=True)
     model = linear_model(built, {}, [pmu.name for pmu in probes])
@@ -143,13 +144,6 @@ def _grid(system: System, at_units: Sequence[Device]) -> Grid:
     at = net.outputs.row[net.outputs.begin[fed : fed + len(probes)]] - inputs
     bus = {bus.name: int(i) for bus, i in zip(placed.buses, at, strict=True) if i >= 0}
     return Grid(placed, built, model, cast("Descriptor", model.matrix), bus, 2 * fed, len(net.lower.begin) - 1)
-
-
-def _free(name: str, names: set[str]) -> str:
-    while name in names:
-        name += "_"
-    names.add(name)
-    return name
 
 
 def _modes(grid: Grid, modes: Sequence[Eigenmode]) -> list[Mode]:

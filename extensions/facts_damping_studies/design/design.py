@@ -292,18 +292,23 @@ def with_choice(ranking: Ranking, signals: Sequence[str]) -> tuple[System, str]:
     return places.with_place(wide, location), location.device.name
 
 
+def link_of(delay: float) -> Any:
+    """Content of a run's `link` with a constant delay, s, half of it each way."""
+    half = {"stage": "network", "model": "constant", "delay": delay / 2}
+    return {"up": [half], "down": [dict(half)]} if delay > 0.0 else "ideal"
+
+
 def _written(ranking: Ranking) -> tuple[dict[str, Any], dict[str, Any]]:
     """Content of the system's file with the device and the signal, and content of the run's file."""
     task, chosen, original = ranking.task, ranking.chosen, ranking.bare
     location = ranking.tried[chosen.tried].place
     content = with_choice(ranking, [chosen.signal])[0].model_dump(by_alias=True, exclude_defaults=True)
-    half = {"stage": "network", "model": "constant", "delay": task.delay / 2}
     run = {
         "description": f"{original.name}, lead-lag by facts-damping design",
         **({} if task.profile == DEFAULT_PROFILE else {"profile": task.profile, "measurement": task.measurement}),
         "devices": [location.device.name],
         "controllers": [{"name": "LLC", "devices": [location.device.name], "signals": [chosen.signal]}],
-        "link": {"up": [half], "down": [dict(half)]} if task.delay > 0.0 else "ideal",
+        "link": link_of(task.delay),
         "frame_rate": FRAME_RATE,
     }
     return content, run

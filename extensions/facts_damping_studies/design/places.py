@@ -204,7 +204,7 @@ def with_signals(system: System, modes: Sequence[Eigenmode], channel: Channel = 
     more: list[Pmu] = []
     for unit in system.units:
         if unit.forming and unit.name not in pmus:
-            pmus[unit.name] = _free(unit.name, used)
+            pmus[unit.name] = free_name(unit.name, used)
             more.append(Pmu(name=pmus[unit.name], machine=unit.name))
     weights = {
         "_".join([letter, *names]): dict(zip([pmus[name] for name in names], (1.0, -1.0), strict=False))
@@ -217,17 +217,17 @@ def with_signals(system: System, modes: Sequence[Eigenmode], channel: Channel = 
     there += [{pmu: -w for pmu, w in combination.items()} for combination in there]
     named = set(system.signals)
     new = {
-        _free(name, named): Signal(channel=channel, weights=combination)
+        free_name(name, named): Signal(channel=channel, weights=combination)
         for name, combination in weights.items()
         if combination not in there
     }
     measured = _measured_flows(system)
     for line in system.lines:
         if line.name not in measured:
-            own_name = _free(f"P_{line.name}", used)
+            own_name = free_name(f"P_{line.name}", used)
             more.append(Pmu(name=own_name, bus=line.from_bus, branches=[line.name]))
             flow = Signal(channel=FLOW, weights={own_name: 1.0}, deviation=True)
-            new[_free(f"p_{line.name}", named)] = flow
+            new[free_name(f"p_{line.name}", named)] = flow
     return system.model_copy(update={"pmus": [*system.pmus, *more], "signals": {**system.signals, **new}})
 
 
@@ -246,7 +246,7 @@ def only(system: System, signals: Sequence[str], original: System) -> System:
     return system.model_copy(update={"signals": remaining, "pmus": pmus})
 
 
-def _free(name: str, used: set[str]) -> str:
+def free_name(name: str, used: set[str]) -> str:
     """An unused name, which is then added to `used`."""
     while name in used:
         name += "_"

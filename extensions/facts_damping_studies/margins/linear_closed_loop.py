@@ -303,10 +303,16 @@ def pade(delay: float, order: int) -> Matrices:
 
 def growth(loop: DelayedLoop, matrix: NDArray[np.float64]) -> float:
     """As `eigen(loop, matrix).growth` of a discrete loop, without eigenvectors: beside the rigid motions."""
+    return float(spectrum(loop, matrix).real.max(initial=loop.frame_rate * np.log(FADED)))
+
+
+def spectrum(loop: DelayedLoop, matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """As `eigen(loop, matrix).values` of a discrete loop, without eigenvectors."""
     motions = loop.rigid.shape[1]
     turn = qr(np.pad(loop.rigid, ((0, len(matrix) - len(loop.rigid)), (0, 0))))[0][:, motions:] if motions else None
-    size = np.abs(eigvals(matrix if turn is None else turn.T @ matrix @ turn)).max()
-    return float(loop.frame_rate * np.log(max(size, FADED)))
+    values = eigvals(matrix if turn is None else turn.T @ matrix @ turn).astype(np.complex128)
+    logs: NDArray[np.complex128] = loop.frame_rate * np.log(values[np.abs(values) > FADED])
+    return logs[np.argsort(-logs.real)]
 
 
 def eigen(loop: DelayedLoop, matrix: NDArray[np.float64], *, discrete: bool = True) -> Eigen:

@@ -15,12 +15,12 @@ import numpy as np
 
 from facts_damping.small_signal.zero_order_hold import held_for
 from facts_damping_studies.margins.halved_steps import halvings
-from facts_damping_studies.margins.linear_closed_loop import DelayedLoop, Discrete, eigen, sampled
-from facts_damping_studies.robust.modal_plants import BAND_HZ, linear_model_of
+from facts_damping_studies.margins.linear_closed_loop import DelayedLoop, Discrete, growth, sampled, spectrum
+from facts_damping_studies.robust.modal_plants import in_band, linear_model_of
 from facts_damping_studies.robust.objective import SENSED_HZ
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -96,21 +96,14 @@ def delayed_loop_of(plant: ModalPlant, law: Law) -> DelayedLoop:
     return plain._replace(onward=halvings(model.A, model.B, 1.0 / model.filtered.rate)[0][0])
 
 
-def eigenvalues(loop: DelayedLoop, delay: float) -> Complex:
-    """Eigenvalues of a loop with a delay, 1/s."""
-    return eigen(loop, sampled(loop, delay)).values
-
-
 def least_damped(values: Complex) -> tuple[float, float]:
     """The least damping ratio in the band, and the frequency of its mode, Hz."""
-    low, high = BAND_HZ
-    hertz = values.imag / (2.0 * np.pi)
-    inside = np.flatnonzero((hertz > low) & (hertz < high))
+    inside = values[in_band(values)]
     if not len(inside):
         return 1.0, 0.0
-    ratios = -values[inside].real / np.abs(values[inside])
+    ratios = -inside.real / np.abs(inside)
     i = int(np.argmin(ratios))
-    return float(ratios[i]), float(hertz[inside[i]])
+    return float(ratios[i]), float(inside[i].imag / (2.0 * np.pi))
 
 
 def edge(plant: ModalPlant) -> float:
@@ -120,9 +113,8 @@ def edge(plant: ModalPlant) -> float:
 
 def charted(values: Complex) -> list[tuple[float, float]]:
     """Frequency (Hz) and damping ratio of the modes in the band that a chart shows."""
-    low, high = BAND_HZ
-    pairs = [(float(v.imag / (2.0 * np.pi)), float(-v.real / abs(v))) for v in values if v.imag > 0.0]
-    return [(hertz, ratio) for hertz, ratio in pairs if low < hertz < high and ratio < CHARTED]
+    pairs = [(float(v.imag / (2.0 * np.pi)), float(-v.real / abs(v))) for v in values[in_band(values)]]
+    return [(hertz, ratio) for hertz, ratio in pairs if ratio < CHARTED]
 
 
 def rows(scenarios: Sequence[Scenario], law: Law, delays: Sequence[float]) -> list[Row]:
@@ -135,7 +127,7 @@ def _rows(name: str, plant: ModalPlant, law: Law, delays: Sequence[float]) -> li
     before, _ = least_damped(plant.values)
     listed = []
     for delay in delays:
-        values = eigenvalues(loop, delay)
+        values = spectrum(loop, sampled(loop, delay))
         ratio, hertz = least_damped(values)
         stable = bool(values.real.max() < edge(plant))
         listed.append(Row(name, delay, ratio, hertz, before, stable, charted(values)))
@@ -155,7 +147,7 @@ def delay_margin(plant: ModalPlant, law: Law, delay: float) -> float:
     loop = delayed_loop_of(plant, law)
 
     def stable(at: float) -> bool:
-        return bool(eigenvalues(loop, at).real.max() < edge(plant))
+        return growth(loop, sampled(loop, at)) < edge(plant)
 
     if not stable(delay):
         return 0.0
@@ -169,7 +161,8 @@ def gain_margin(plant: ModalPlant, law: Law, delay: float) -> tuple[float, float
     """Factors of all setpoints between which the loop is stable; searched from QUIETEST to LOUDEST."""
 
     def stable(factor: float) -> bool:
-        return bool(eigenvalues(delayed_loop_of(plant, law.scaled(factor)), delay).real.max() < edge(plant))
+        loop = delayed_loop_of(plant, law.scaled(factor))
+        return growth(loop, sampled(loop, delay)) < edge(plant)
 
     edges = []
     for step, end in ((0.5, QUIETEST), (2.0, LOUDEST)):
@@ -180,11 +173,11 @@ def gain_margin(plant: ModalPlant, law: Law, delay: float) -> tuple[float, float
     return edges[0], edges[1]
 
 
-def _edge(stable: object, inner: float, outer: float) -> float:
+def _edge(stable: Callable[[float], bool], inner: float, outer: float) -> float:
     """Where stability ends between a stable value and another."""
     for _ in range(HALVINGS):
         middle = 0.5 * (inner + outer)
-        if stable(middle):  # type: ignore[operator]
+        if stable(middle):
             inner = middle
         else:
             outer = middle

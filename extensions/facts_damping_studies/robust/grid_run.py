@@ -76,15 +76,10 @@ def _run(task: Task, system: System, devices: list[str], delay: float | None) ->
     profile = {} if task.profile == DEFAULT_PROFILE else dict(read_profile(task.profile).set)
     fields = {name: value for name, value in profile.items() if "." not in name and name != "system"}
     if delay is not None or "link" not in fields:
-        seconds = task.delay if delay is None else delay
-        half = {"stage": "network", "model": "constant", "delay": seconds / 2}
-        fields["link"] = {"up": [half], "down": [dict(half)]} if seconds > 0.0 else "ideal"
-    system_part = {
+        fields["link"] = design.link_of(task.delay if delay is None else delay)
+    return {
         "description": f"{system.name}, law by facts-damping design",
         "system": system.model_dump(by_alias=True),
-    }
-    return {
-        **system_part,
         "scenario": [],
         "devices": devices,
         "controllers": [],

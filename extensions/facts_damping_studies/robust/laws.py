@@ -74,7 +74,7 @@ def problem(scenarios: Sequence[Scenario], setting: Setting, delays: Sequence[fl
             total = delay + setting.latency
             names.append(name)
             scaled = of_signals / size, of_devices
-            loops.append(loop(name, scenario.plant, setting.limits, total.tolist(), scaled, EFFORT))
+            loops.append(loop(scenario.plant, setting.limits, total.tolist(), scaled, EFFORT))
             responses.append(plain * np.exp(-at[:, None, None] * total))
     many = len(scenarios) * len(delays)
     step = max(1, len(scenarios) // TYPICAL)

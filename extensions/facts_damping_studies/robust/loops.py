@@ -23,7 +23,7 @@ from scipy.linalg import block_diag, eig, schur
 from scipy.linalg.lapack import dtrsyl
 from scipy.signal import tf2ss
 
-from facts_damping_studies.robust.modal_plants import BAND_HZ
+from facts_damping_studies.robust.modal_plants import in_band
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,15 +35,12 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 ORDER = 3  # of the denominator of a Pade term
-MARGIN = (
-    0.05  # 1/s: a grid that grows is judged as if its modes decayed faster, so that its index without control exists
-)
+MARGIN = 0.05  # 1/s: least decay as which a grid is judged that grows, so that its index without control exists
 
 
 class Loop(NamedTuple):
     """A plant with the delay of its devices, in one scenario: dx/dt = A x + B u, y = C x."""
 
-    name: str
     A: Array  # (states, states), shifted by `shift`
     B: Array  # (states, devices), of setpoints relative to their limits
     C: Array  # (signals, states)
@@ -78,7 +75,7 @@ def _term(delay: float) -> tuple[Array, Array, Array]:
 
 
 def loop(
-    name: str, plant: ReducedPlant, limits: Array, delays: Sequence[float], masks: tuple[Array, Array], effort: float
+    plant: ReducedPlant, limits: Array, delays: Sequence[float], masks: tuple[Array, Array], effort: float
 ) -> Loop:
     """The loop of a scenario; `delays` of each device (s), `masks`: 1 or 0 of each signal and device, in service."""
     signals, devices = masks
@@ -91,30 +88,22 @@ def loop(
     Z = np.hstack([plant.Z, np.zeros((len(plant.Z), many))])
     values = np.linalg.eigvals(A)
     shift = max(0.0, float(values.real.max()) + MARGIN)
-    bare = Loop(name, A - shift * np.eye(len(A)), B, C, R, Z, shift, 1.0, 0.0, effort)
+    bare = Loop(A - shift * np.eye(len(A)), B, C, R, Z, shift, 1.0, 0.0, effort)
     index = _index(bare, np.zeros((len(limits), len(signals))), 0, gradient=False)[0]
     return bare._replace(index_without=index, damping=float(_damping(values).min(initial=1.0)))
 
 
 def _damping(values: NDArray[np.complex128]) -> Array:
     """Damping ratios in the band; 1 of other modes."""
-    low, high = (2.0 * np.pi * hertz for hertz in BAND_HZ)
-    inside = (values.imag > low) & (values.imag < high)
-    ratios: Array = np.where(inside, -values.real / np.maximum(np.abs(values), 1e-12), 1.0)
+    ratios: Array = np.where(in_band(values), -values.real / np.maximum(np.abs(values), 1e-12), 1.0)
     return ratios
 
 
-def _wide(loop: Loop, states: int) -> tuple[Array, Array]:
-    """E and F of the closed loop A + E K F, whose last states are the controller's."""
+def closed(loop: Loop, K: Array, states: int) -> tuple[Array, Array, Array]:
+    """A + E K F, E and F; K = [A_k B_k; C_k D_k] with `states` of the controller, which are the last."""
     n, devices, signals = len(loop.A), loop.B.shape[1], len(loop.C)
     E = np.block([[np.zeros((n, states)), loop.B], [np.eye(states), np.zeros((states, devices))]])
     F = np.block([[np.zeros((states, n)), np.eye(states)], [loop.C, np.zeros((signals, states))]])
-    return E, F
-
-
-def closed(loop: Loop, K: Array, states: int) -> tuple[Array, Array, Array]:
-    """A + E K F, E and F; K = [A_k B_k; C_k D_k] with `states` of the controller."""
-    E, F = _wide(loop, states)
     A = block_diag(loop.A, -loop.shift * np.eye(states)) + E @ K @ F
     return A, E, F
 

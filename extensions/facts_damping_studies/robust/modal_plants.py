@@ -42,6 +42,13 @@ FASTEST = 200.0  # 1/s, magnitude of the eigenvalues of modes that stay
 STILL = 0.1  # 1/s, decay below which a mode counts as one with this decay
 
 
+def in_band(values: Complex) -> NDArray[np.bool_]:
+    """Which eigenvalues (1/s) are modes in the band."""
+    hertz = values.imag / (2.0 * np.pi)
+    inside: NDArray[np.bool_] = (hertz > BAND_HZ[0]) & (hertz < BAND_HZ[1])
+    return inside
+
+
 class ModalPlant(NamedTuple):
     """A plant in its modes; signals are before washouts and filters, p.u."""
 
@@ -133,11 +140,9 @@ def modal_plant(case: Case, built: Built, signals: Sequence[str]) -> ModalPlant:
     moved = _relative(B, np.vstack([_scaled(C), _scaled(Z)]), apart)
     shown = _relative(G, _scaled(Z), apart)
     stays = (moved > MOVED) | (shown > SHOWN)
-    low, high = BAND_HZ
-    hertz = values.imag / (2.0 * np.pi)
     swings = np.array([_swings(values[i], right[:, i], left[:, i], case, built) for i in np.flatnonzero(stays)], bool)
     R = np.where(swings[:, None], G[stays] / values[stays, None], 0.0)
-    still = values[~stays & (hertz > low) & (hertz < high)]
+    still = values[~stays & in_band(values)]
     filters = model.filtered
     if filters is not None:
         seen: Any = filters.C @ right[:, stays]  # complex here, real in `linear_model_of`

@@ -52,12 +52,12 @@ def minimum(
 ) -> Minimum:
     """The least value found from a start with at most some evaluations; values may be infinite elsewhere."""
     counted = _Counted(function, progress)
-    x, f, _ = _bfgs(counted, start, most * 3 // 4)
+    x, f = _bfgs(counted, start, most * 3 // 4)
     x, f = _sampled(counted, x, f, most, random)
     return Minimum(x, f, counted.evaluations)
 
 
-def _bfgs(function: _Counted, x: Array, most: int) -> tuple[Array, float, Array]:
+def _bfgs(function: _Counted, x: Array, most: int) -> tuple[Array, float]:
     f, g = function(x)
     H, stalls = np.eye(len(x)) / max(1.0, float(np.linalg.norm(g))), 0
     while function.evaluations < most and stalls < STALLS and np.isfinite(f):
@@ -73,7 +73,7 @@ def _bfgs(function: _Counted, x: Array, most: int) -> tuple[Array, float, Array]
         if s @ y > 1e-12 * np.linalg.norm(s) * np.linalg.norm(y):
             rho, eye = 1.0 / (s @ y), np.eye(len(x))
             H = (eye - rho * np.outer(s, y)) @ H @ (eye - rho * np.outer(y, s)) + rho * np.outer(s, s)
-    return x, f, g
+    return x, f
 
 
 def _search(function: _Counted, x: Array, f: float, g: Array, p: Array, most: int) -> tuple[float, float, Array]:
@@ -106,13 +106,14 @@ def _sampled(function: _Counted, x: Array, f: float, most: int, random: np.rando
                 value, gradient = function(x + radius * random.uniform(-1.0, 1.0, len(x)))
                 if np.isfinite(value):
                     gradients.append(gradient)
-            p = -shortest(np.array(gradients))
-            if not np.linalg.norm(p) > 0.0:
+            steepest = shortest(np.array(gradients))
+            if not np.linalg.norm(steepest) > 0.0:
                 break
-            step, value, _ = _search(function, x, f, -p, p / float(np.linalg.norm(p)) * radius * 10.0, most)
+            p = -steepest / float(np.linalg.norm(steepest)) * radius * 10.0
+            step, value, _ = _search(function, x, f, steepest, p, most)
             if step == 0.0 or f - value < STILL * max(1.0, abs(f)):
                 break
-            x, f = x + step * p / float(np.linalg.norm(p)) * radius * 10.0, value
+            x, f = x + step * p, value
     return x, f
 
 

@@ -5,8 +5,8 @@
 Demands: in each scenario, at each delay, the index is not larger than without control, and the least damping ratio in
 the band no lower (LOST; above ENOUGH it may fall); the largest singular value of the sensitivity at the devices is at
 most SENSITIVITY, which is a gain margin of M/(M - 1) and a phase margin of 2 asin(1/(2 M)) (S. Skogestad, I.
-Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, 2.4); the noise of the PMUs moves no setpoint by more than
-NOISE of its limit, rms; the controller itself is stable.
+Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, 2.4); the gain of the loop is at most FADED at FAST_HZ; the
+noise of the PMUs moves no setpoint by more than NOISE of its limit, rms; the controller itself is stable.
 """
 
 from __future__ import annotations

@@ -80,7 +80,6 @@ class RobustDesign:
     results: list[Tuned]  # of all structures
     chosen: Tuned
     law: Law
-    events: list[float]  # of the rivals: mean of ln of the index in events over that without control
     rows: list[Row]  # all scenarios at all delays, and lost signals and devices
     margins: list[Margins]  # of the intact grid and of the worst scenarios
     checks: list[TimeCheck]  # nonlinear
@@ -94,6 +93,11 @@ class RobustDesign:
     def counted(self) -> list[Row]:
         """The rows of scenarios in which no device acts the other way round."""
         return [row for row in self.rows if row.scenario not in self.chosen.inverted]
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """The law as a row of `controllers`."""
+        return law_row(self.law, self.signals, self.task.case.run.devices)
 
     @property
     def effort(self) -> float:
@@ -135,7 +139,7 @@ def designed(task: RobustTask, tell: Tell) -> RobustDesign:
     chosen, law = rivals[i], laws[i]
     listed = certificate.rows(grids.all, law, checked_at)
     listed += certificate.lost(grids.all[0].modal, law, (signals, devices), checked_at)
-    whole = RobustDesign(task, signals, checked_at, grids, size, results, chosen, law, compared, listed, [], [])
+    whole = RobustDesign(task, signals, checked_at, grids, size, results, chosen, law, listed, [], [])
     margins = _margins(whole, delay, tell("design", "margins"))
     return replace(whole, margins=margins, checks=checked(whole, tell("design", "checks")))
 
@@ -201,7 +205,7 @@ class TimeCheck(NamedTuple):
 
 def checked(design: RobustDesign, progress: Callable[[int, int], None]) -> list[TimeCheck]:
     """Nonlinear runs of the outages among the worst scenarios, as events, and of a step of the largest load."""
-    case, law = design.task.case, law_row(design.law, design.signals, design.task.case.run.devices)
+    case = design.task.case
     order = [row.scenario for row in sorted(design.counted, key=lambda row: row.damping)]
     scenarios = {each.name: each for each in design.scenarios.all}
     names = list(dict.fromkeys(name for name in order if name in scenarios))[:CHECKS]
@@ -214,7 +218,7 @@ def checked(design: RobustDesign, progress: Callable[[int, int], None]) -> list[
         out = [{"time": 1.0, "kind": "line_out", "line": scenario.line}]
         events, system = (step, scenario.system) if scenario.line is None else (out, case.system)
         changed = replace(case, system=system)
-        with_law, none = (trials.index(trials.Trial(changed, row, events)) for row in (law, None))
+        with_law, none = (trials.index(trials.Trial(changed, row, events)) for row in (design.row, None))
         ratio = None if with_law is None or none is None else with_law / none
         text = f"outage of {scenario.line}" if scenario.line else f"step of {load.name if load else 'no load'}"
         checks.append(TimeCheck(name, text, ratio, none is None))

@@ -14,7 +14,7 @@ from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.yaml_text import dump
 from facts_damping_grids.text import rows_text
 from facts_damping_studies.robust.certificate import charted
-from facts_damping_studies.robust.robust_design import law_row, violations
+from facts_damping_studies.robust.robust_design import violations
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -117,7 +117,7 @@ def document(design: RobustDesign) -> dict[str, Any]:
             }
             for each in design.results
         ],
-        "law": law_row(design.law, design.signals, design.task.case.run.devices),
+        "law": design.row,
         "scenarios": [row._asdict() for row in design.rows],
         "margins": [each._asdict() for each in design.margins],
         "inverted": design.chosen.inverted,
@@ -149,7 +149,7 @@ def plot(design: RobustDesign, path: Path) -> Path:
 
 def write(design: RobustDesign, task: Task, run: GridRun, folder: Path) -> list[Path]:
     """Write the run, and the system if it is not one that GRID names."""
-    case, row = design.task.case, law_row(design.law, design.signals, design.task.case.run.devices)
+    case, row = design.task.case, design.row
     row["linear"] = {
         name: [[float(f"{x:.{DIGITS}g}") for x in line] for line in rows] for name, rows in row["linear"].items()
     }

@@ -21,7 +21,7 @@ from facts_damping.errors import FactsDampingError
 from facts_damping.parameters.events import LineSwitch
 from facts_damping.plant.build import build
 from facts_damping.small_signal.linearisation import state_matrix
-from facts_damping_studies.robust.modal_plants import BAND_HZ, ModalPlant, Vectors, modal_plant, shifted, vectors
+from facts_damping_studies.robust.modal_plants import ModalPlant, Vectors, in_band, modal_plant, shifted, vectors
 from facts_damping_studies.robust.plants import ReducedPlant, reduced
 from facts_damping_studies.score.cases.drawing import meshed_lines
 from facts_damping_studies.score.reference import in_interval
@@ -132,9 +132,7 @@ def without(system: System, line: str) -> System:
 
 def swinging(of: Vectors) -> Vectors:
     """The vectors of modes in the band that are little damped."""
-    low, high = BAND_HZ
-    hertz = of.values.imag / (2.0 * np.pi)
-    chosen = (hertz > low) & (hertz < high) & (-of.values.real < SWINGING * np.abs(of.values))
+    chosen = in_band(of.values) & (-of.values.real < SWINGING * np.abs(of.values))
     return Vectors(of.values[chosen], of.left[:, chosen], of.right[:, chosen])
 
 

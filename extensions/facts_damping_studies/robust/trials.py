@@ -35,18 +35,20 @@ class Trial(NamedTuple):
     events: list[dict[str, Any]]
 
 
-def drawn(case: Case, lines: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Trial]:
-    """Events at some lines that keep synchronism without control, as trials without a law."""
+def drawn(
+    case: Case, lines: Sequence[str], jobs: int, progress: Callable[[int, int], None]
+) -> list[tuple[Trial, float]]:
+    """Events at some lines that keep synchronism without control, as trials without a law, and their indices."""
     random = np.random.default_rng([case.run.seed, TRIALS])
     content = case.system.model_dump(by_alias=True)
     channel = "frequency"
     grid = Grid({"load_noise": None}, content, case.system, list(lines), [], channel)
-    trials: list[Trial] = []
+    trials: list[tuple[Trial, float]] = []
     for first in range(0, DRAWS, TRIALS):
         kinds = [EVENTS[(first + i) % len(EVENTS)] for i in range(TRIALS)]
         more = [Trial(case, None, event(grid, random, kind, START_S)) for kind in kinds]
         indices = run_all(index, more, jobs, progress)
-        trials += [trial for trial, of in zip(more, indices, strict=True) if of is not None and of > 0.0]
+        trials += [(trial, of) for trial, of in zip(more, indices, strict=True) if of is not None and of > 0.0]
         if len(trials) >= TRIALS:
             break
     return trials[:TRIALS]
@@ -79,10 +81,14 @@ def made(trial: Trial, duration: float) -> Case:
 
 
 def compared(
-    trials: Sequence[Trial], laws: Sequence[dict[str, Any]], jobs: int, progress: Callable[[int, int], None]
+    trials: Sequence[tuple[Trial, float]],
+    laws: Sequence[dict[str, Any]],
+    jobs: int,
+    progress: Callable[[int, int], None],
 ) -> list[float]:
     """Mean of ln of the index over that without control of each law; infinite: it loses synchronism in an event."""
-    tasks = [trial._replace(law=law) for law in (None, *laws) for trial in trials]
-    indices = run_all(index, tasks, jobs, progress)
-    none, *others = np.array_split(np.array([np.inf if of is None else of for of in indices]), len(laws) + 1)
-    return [float(np.mean(np.log(np.maximum(of, 1e-12) / none))) for of in others]
+    tasks = [trial._replace(law=law) for law in laws for trial, _ in trials]
+    indices = np.array([np.inf if of is None else of for of in run_all(index, tasks, jobs, progress)])
+    none = np.array([without for _, without in trials])
+    ratios = np.maximum(indices.reshape(len(laws), len(trials)), 1e-12) / none
+    return [float(value) for value in np.log(ratios).mean(axis=1)]
